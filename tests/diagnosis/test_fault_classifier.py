@@ -13,7 +13,7 @@ from sklearn.utils.estimator_checks import check_estimator
 
 from swashtwin import presets
 from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier, diagnose
-from swashtwin.diagnosis.classifier_input import checked_settings
+from swashtwin.diagnosis.training_windows import checked_settings
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import (
     PAPER_TRAINING,

@@ -14,7 +14,7 @@ import pytest
 from commandline import run
 
 from swashtwin.diagnosis import FaultClassifier, PriorClassifier, make_prior
-from swashtwin.diagnosis.prior_file import SHIPPED
+from swashtwin.diagnosis.prior_classifier import SHIPPED
 from swashtwin.foundation import (
     ArtifactError,
     DataError,

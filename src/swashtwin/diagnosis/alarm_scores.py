@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
+from swashtwin.diagnosis.recording_arguments import relabeled, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, LeakError, to_table
 from swashtwin.pump import is_healthy, is_same_class

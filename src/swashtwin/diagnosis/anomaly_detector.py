@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
-from swashtwin.diagnosis.classifier_input import require_recordings
-from swashtwin.diagnosis.diagnosing import require_layout
+from swashtwin.diagnosis.changed_bands import band_power_changes
 from swashtwin.diagnosis.estimator import Estimator
-from swashtwin.diagnosis.healthy_spectrum import band_power_changes, detector_spectrum
+from swashtwin.diagnosis.healthy_spectrum import detector_spectrum
+from swashtwin.diagnosis.recording_arguments import require_layout, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, load_artifact, plural, save_artifact
 from swashtwin.learning import (

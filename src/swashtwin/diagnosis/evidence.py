@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.diagnosis.attribution import Band, contributions
-from swashtwin.diagnosis.diagnosing import recording_windows, require_recording
+from swashtwin.diagnosis.recording_arguments import require_recording
+from swashtwin.diagnosis.recording_diagnosis import recording_windows
 from swashtwin.diagnosis.verdict import Check, Diagnosis, next_checks
 from swashtwin.foundation import InputError, to_table
 from swashtwin.learning import FittedClassifier

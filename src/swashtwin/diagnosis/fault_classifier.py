@@ -11,8 +11,14 @@ from typing import Any
 import numpy as np
 
 import swashtwin.learning as learning
-from swashtwin.diagnosis.classifier_input import (
-    as_recordings,
+from swashtwin.diagnosis.classifier_file import load_both, save_classifier
+from swashtwin.diagnosis.estimator import Estimator
+from swashtwin.diagnosis.prior_classifier import PriorClassifier
+from swashtwin.diagnosis.reasons import describe_single_machine_faults
+from swashtwin.diagnosis.recording_arguments import as_recordings, relabeled, require_recordings
+from swashtwin.diagnosis.recording_diagnosis import diagnose, make_known, recording_probability
+from swashtwin.diagnosis.resemblance import NO_CONFIDENCE, find_resemblance
+from swashtwin.diagnosis.training_windows import (
     checked_settings,
     classes_of,
     copy_notes,
@@ -20,20 +26,12 @@ from swashtwin.diagnosis.classifier_input import (
     name_alike,
     network_parameters,
     refuse_seen,
-    relabeled,
     require_none,
-    require_recordings,
     synthetic_sets,
     windows_of_array,
     windows_to_train,
     with_synthetic,
 )
-from swashtwin.diagnosis.diagnosing import diagnose, make_known, recording_probability
-from swashtwin.diagnosis.estimator import Estimator
-from swashtwin.diagnosis.prior_classifier import PriorClassifier
-from swashtwin.diagnosis.reasons import describe_single_machine_faults
-from swashtwin.diagnosis.resemblance import NO_CONFIDENCE, find_resemblance
-from swashtwin.diagnosis.saving import load_both, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import RECOMMENDED_TRAINING, FittedClassifier, WindowSet, require_verdicts

@@ -10,17 +10,14 @@ can be trusted.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float, Float64, Int, Int64, Shaped
 
 from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
-from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
-from swashtwin.diagnosis.diagnosing import require_recording
-from swashtwin.diagnosis.prior_file import load_prior, save_prior
 from swashtwin.diagnosis.prior_head import (
     UNKNOWN_RATE,
     PriorHead,
@@ -28,11 +25,22 @@ from swashtwin.diagnosis.prior_head import (
     fit_head,
     order_band_powers,
 )
+from swashtwin.diagnosis.recording_arguments import relabeled, require_recording, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
-from swashtwin.foundation import DataError, InputError, plural
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    from_table,
+    plural,
+    read_artifact,
+    to_table,
+    translate_load_errors,
+    write_artifact,
+)
 from swashtwin.pump import (
     PRESSURE_TOLERANCE,
     SPEED_TOLERANCE,
+    Pump,
     canonical_label,
     is_healthy,
     values_match,
@@ -47,6 +55,12 @@ from swashtwin.recordings import (
     summarize_recordings,
 )
 from swashtwin.signals import OrderBands, shaft_frequency
+
+VERSION = 2
+_MAY_BE_NAN = ("levels", "speed", "pressure")
+SHIPPED = Path(__file__).parent / "priors"
+"""Folder of the shipped priors, one for each design."""
+P = TypeVar("P")
 
 _ANY = (0.0, 1e12)
 
@@ -468,3 +482,100 @@ class PriorClassifier:
         `load_model`.
         """
         return load_prior(path, cls, cls.KIND)
+
+
+def make_prior(
+    change: Float[np.ndarray, "recording channel level"],
+    label: Shaped[np.ndarray, " recording"],
+    number: Int[np.ndarray, " recording"],
+    scatter: Float[np.ndarray, "pump channel level"],
+    drawn: Bool[np.ndarray, " pump"],
+    *,
+    pump: Pump,
+    speed: tuple[float, float],
+    pressure: tuple[float, float],
+) -> PriorClassifier:
+    """Prior of the changes of virtual pumps (`synthesis.simulate_changes`).
+
+    Parameters
+    ----------
+    change, label, number, scatter, drawn : as of `synthesis.OrderChanges`, the healthy class first
+        and the one of what is none of the faults last; an `InputError` where there are fewer than
+        three.
+    speed, pressure : ranges of the design's operating points [rad/s, Pa].
+    """
+    classes = tuple(dict.fromkeys(label.tolist()))
+    if len(classes) < 3 or not is_healthy(classes[0]):
+        raise InputError(
+            "a prior needs three classes at least, the healthy one first and that of unknown faults last; the virtual "
+            f"pumps show {', '.join(classes) or 'none'}."
+        )
+    target = np.array([classes.index(name) for name in label.tolist()], dtype=np.int8)
+    change, scatter = change.astype(np.float16), scatter.astype(np.float16)
+    return PriorClassifier(
+        pump=pump.name,
+        bands=OrderBands(pump.rotating_group.piston_count),
+        channels=pump.channels,
+        classes=classes,
+        speed=speed,
+        pressure=pressure,
+        n_pumps=len(drawn),
+        virtual=VirtualChanges(change, target, number.astype(np.int32), scatter, drawn),
+    )
+
+
+def save_prior(prior: Any, path: Path | str, kind: str) -> Path:
+    """`path`, after a `PriorClassifier` was written to it whole."""
+    arrays = {
+        "levels": prior.band_powers,
+        "speed": prior.point_speed,
+        "pressure": prior.point_pressure,
+    }
+    parts = {"virtual": prior.virtual, "head": prior.head}
+    names = {item.name for item in fields(prior)} - {
+        "band_powers",
+        "point_speed",
+        "point_pressure",
+        *parts,
+    }
+    card = to_table({name: getattr(prior, name) for name in sorted(names)})
+    for part, values in parts.items():
+        arrays |= (
+            {f"{part}_{name}": value for name, value in vars(values).items()}
+            if values is not None
+            else {}
+        )
+    return write_artifact(path, kind, VERSION, card, arrays, may_be_nan=_MAY_BE_NAN)
+
+
+def load_prior(path: Path | str, form: type[P], kind: str) -> P:
+    """What `save_prior` wrote, or the shipped prior of a design; errors: `PriorClassifier.load`."""
+    if not Path(path).suffix:
+        shipped = {file.stem: file for file in sorted(SHIPPED.glob("*.safetensors"))}
+        if str(path) not in shipped:
+            if Path(path).exists():
+                raise InputError(
+                    f"{path} is no model or prior; name the file that swashtwin train or twin prior wrote."
+                )
+            raise InputError(
+                f"no prior of the design {path} is shipped (there is {', '.join(shipped)}); make one with swashtwin "
+                "twin prior --pump FILE, and give its file."
+            )
+        path = shipped[str(path)]
+    advice = "make it with swashtwin twin prior, or with swashtwin model adapt"
+    card, tensors = read_artifact(path, kind, VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
+    with translate_load_errors(path, kind):
+        band_powers, speed, pressure = (tensors[name] for name in ("levels", "speed", "pressure"))
+        arrays: dict[str, Any] = {
+            "band_powers": band_powers,
+            "point_speed": speed,
+            "point_pressure": pressure,
+        }
+        for part in ("virtual", "head"):
+            own = {
+                name.removeprefix(f"{part}_"): tensors[name]
+                for name in tensors
+                if name.startswith(f"{part}_")
+            }
+            arrays |= {part: own} if own else {}
+        return from_table({**card, **arrays}, form)

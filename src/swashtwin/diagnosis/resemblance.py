@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float64
 
-from swashtwin.diagnosis.classifier_input import as_recordings, relabeled
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
+from swashtwin.diagnosis.recording_arguments import as_recordings, relabeled
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning import WindowSet

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from swashtwin.diagnosis.healthy_spectrum import BandPowerChange, HealthySpectrum
+from swashtwin.diagnosis.changed_bands import BandPowerChange
+from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum
 from swashtwin.foundation import plural, to_table
 from swashtwin.learning import BandPower, Choice, Deviation
 from swashtwin.pump import is_healthy, propose_class

@@ -11,12 +11,12 @@ from jaxtyping import Float
 
 from swashtwin.diagnosis.healthy_spectrum import classifier_spectrum
 from swashtwin.diagnosis.reasons import another_machine, own_healthy_would_help, reasons_of
+from swashtwin.diagnosis.recording_arguments import require_layout, require_recording
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning import (
     Confidence,
     FittedClassifier,
-    WindowLayout,
     WindowSet,
     likeliest_class,
     pooled_probabilities,
@@ -186,45 +186,6 @@ def recording_windows(classifier: FittedClassifier, recording: Recording) -> Ite
         classes=classifier.classes,
         allow_partial_revolution=True,
         batch=_TOGETHER,
-    )
-
-
-def require_recording(thing: object) -> None:
-    """Refuse what is no single recording with an `InputError`."""
-    if not isinstance(thing, Recording):
-        raise InputError(
-            f"a {type(thing).__name__} is no recording; give one Recording, such as load_recording makes of a file."
-        )
-
-
-def require_layout(layout: WindowLayout, recording: Recording) -> None:
-    """Refuse a recording whose rate, channels or unit are not a model's with a `DataError` that
-    says what to do.
-    """
-    require_recording(recording)
-    actual = replace(
-        layout,
-        sample_rate=float(recording.sample_rate),
-        channels=recording.channels,
-        unit=recording.unit,
-    )
-    difference = layout.difference(actual)
-    if not difference:
-        return
-    advice = (
-        "say what the channels of the file are with --names, once for each, or take some of them with --channels, once "
-        "for each"
-    )
-    if difference.startswith("sample rate"):
-        advice = (
-            f'if {recording.sample_rate:g} Hz is right, add --resample "{layout.sample_rate:g} Hz", or else correct '
-            "--sample-rate"
-        )
-    elif difference.startswith("unit"):
-        advice = 'state what a number in the file is: --sensitivity "100 mV/g" for volts, "1 g" for a plain number'
-    raise DataError(
-        f"{recording.recording_id} does not fit the model (what it was trained on against this recording): "
-        f"{difference}; {advice}."
     )
 
 

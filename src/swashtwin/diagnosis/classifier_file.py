@@ -5,7 +5,7 @@ weights beside.
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from swashtwin.diagnosis.resemblance import Resemblance
 from swashtwin.foundation import (
     ArtifactError,
     InputError,
-    artifact_kind,
-    as_path,
     load_artifact,
     save_artifact,
     translate_load_errors,
@@ -35,12 +33,6 @@ from swashtwin.learning import (
     rebuild_network,
 )
 from swashtwin.recordings import Manifest
-
-if TYPE_CHECKING:
-    from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
-    from swashtwin.diagnosis.fault_classifier import FaultClassifier
-    from swashtwin.diagnosis.prior_classifier import PriorClassifier
-
 
 KIND, _VERSION = "classifier", 9
 _MAY_BE_NAN = (
@@ -192,29 +184,3 @@ def _require_size(network: _Network, length: int) -> None:
                 raise ValueError(
                     f"the network's {name[:60]} is {entry:.6g}, and the file holds {most} values at most"
                 )
-
-
-def load_model(path: Path | str) -> "FaultClassifier | AnomalyDetector | PriorClassifier":
-    """The model in a file, or the shipped prior of a design, such as ``"25scy14-1b"``.
-
-    Raises
-    ------
-    MissingFileError
-        There is no such file.
-    InputError
-        No prior of this design is shipped.
-    ArtifactError
-        The file is damaged, edited, no model, of another version, or its network is not registered.
-    """
-    kind = artifact_kind(as_path(path))
-    if kind == "anomaly detector":
-        from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
-
-        return AnomalyDetector.load(path)
-    if kind == "prior classifier" or not Path(path).suffix:
-        from swashtwin.diagnosis.prior_classifier import PriorClassifier
-
-        return PriorClassifier.load(path)
-    from swashtwin.diagnosis.fault_classifier import FaultClassifier
-
-    return FaultClassifier.load(path)

@@ -2,21 +2,20 @@
 holds out.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import swashtwin.learning as learning
+from swashtwin.diagnosis.recording_arguments import as_recordings, relabeled
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import WindowSet
 from swashtwin.pump import FAULT_KINDS, canonical_label, is_healthy, propose_class
 from swashtwin.recordings import (
     Manifest,
     Recording,
-    Recordings,
     default_window,
     describe_copies,
     find_copies,
@@ -27,63 +26,6 @@ from swashtwin.recordings import (
 _ERROR_RATE = 0.1
 OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
 """Settings of the training that the constructor of a `FaultClassifier` names."""
-
-
-def as_recordings(X: Any) -> Sequence[Recording] | None:
-    """Recordings in a sequence, or None where `X` is something else; an `InputError` where it is
-    nothing at all.
-    """
-    if X is None or isinstance(X, (str, Path)):
-        raise InputError(
-            f"X is {X!r}; recordings are expected, as load_recordings(folder) gives them, or an array."
-        )
-    if isinstance(X, Recording):
-        return [X]
-    if isinstance(X, WindowSet) or hasattr(X, "shape") or not isinstance(X, Iterable):
-        return None
-    entries = X if isinstance(X, Recordings) else list(X)
-    if not len(entries):
-        raise InputError("X holds no recording and no window; give at least one.")
-    if all(isinstance(entry, Recording) for entry in entries):
-        return entries
-    if isinstance(X, Iterator) or isinstance(entries[0], (str, Path)):
-        raise InputError(
-            f"X is a {type(X).__name__} over other things than recordings; give an array or a list."
-        )
-    return None
-
-
-def require_recordings(X: Any) -> Sequence[Recording]:
-    """Recordings in a sequence; an `InputError` where `X` is something else, which states no
-    machine.
-    """
-    recordings = as_recordings(X)
-    if recordings is None:
-        raise InputError(
-            f"X is a {type(X).__name__}; recordings are expected, which state machine and operating point."
-        )
-    return recordings
-
-
-def relabeled(recordings: Sequence[Recording], y: Any) -> Sequence[Recording]:
-    """The recordings with the classes `y`, or with their own labels where `y` is None."""
-    if y is None:
-        return recordings
-    if isinstance(y, str):
-        raise InputError(f"y is the one text {y!r}; give a list with a class for each recording.")
-    y = list(y)
-    if len(y) != len(recordings):
-        raise InputError(
-            f"y has {len(y)} labels for {len(recordings)} recordings; give one for each."
-        )
-    for index, label in enumerate(y):
-        if label is None or label != label or not str(label).strip():
-            raise InputError(
-                f"y[{index}] ({label!r}) is no class; give one for each recording, or leave y out."
-            )
-    return [
-        recording.replace(label=str(label)) for recording, label in zip(recordings, y, strict=True)
-    ]
 
 
 def classes_of(X: Any, y: Any, named: Sequence[str] | None) -> set[str]:

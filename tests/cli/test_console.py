@@ -29,11 +29,11 @@ def test_control_characters_are_written_as_codes() -> None:
 
 
 def test_no_way_out_lets_a_control_character_through(capsys: pytest.CaptureFixture[str]) -> None:
-    console.say(HOSTILE)
-    console.note(HOSTILE)
-    console.table(HOSTILE, (HOSTILE,), [(f"{HOSTILE}\n",)])
-    console.tell({HOSTILE: HOSTILE}, True, lambda: None)
-    console.note_merged([(HOSTILE, HOSTILE)], "left out")
+    console.print_text(HOSTILE)
+    console.print_note(HOSTILE)
+    console.print_table(HOSTILE, (HOSTILE,), [(f"{HOSTILE}\n",)])
+    console.print_result({HOSTILE: HOSTILE}, True, lambda: None)
+    console.print_merged_notes([(HOSTILE, HOSTILE)], "left out")
     captured = capsys.readouterr()
     assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(captured.out + captured.err)
     assert json.loads(captured.out.splitlines()[-1]) == {HOSTILE: HOSTILE}
@@ -62,7 +62,7 @@ def test_errors_show_the_codes_of_a_hostile_name(words: tuple[str, ...]) -> None
 
 def test_logs_and_warnings_of_libraries_show_codes() -> None:
     record = logging.makeLogRecord({"msg": HOSTILE, "levelname": "WARNING"})
-    assert "\x1b" not in console._Printable("%(message)s").format(record)
+    assert "\x1b" not in console._EscapingFormatter("%(message)s").format(record)
 
 
 def test_hostile_names_in_an_index_never_reach_the_terminal(tmp_path: Path) -> None:
@@ -84,7 +84,9 @@ def test_hostile_names_in_an_index_never_reach_the_terminal(tmp_path: Path) -> N
 def test_a_console_without_unicode_shows_tables_and_json(encoding: str) -> None:
     code = (
         "from swashtwin.cli import console; console.safe_streams()\n"
-        "console.table('µ 中', ('mm³',), [('中 ± 1',)]); console.say('中 ≥'); console.tell({'a': '中ä'}, True, None)"
+        "console.print_table('µ 中', ('mm³',), [('中 ± 1',)])\n"
+        "console.print_text('中 ≥')\n"
+        "console.print_result({'a': '中ä'}, True, None)"
     )
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     process = subprocess.run(
@@ -100,10 +102,10 @@ def test_a_console_without_unicode_shows_tables_and_json(encoding: str) -> None:
 def test_no_number_of_a_table_is_cut_on_a_narrow_terminal(
     width: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(console, "_UNLIMITED", width)
+    monkeypatch.setattr(console, "_UNLIMITED_WIDTH", width)
     numbers = [[1001.0 + 10 * row + order for order in range(9)] for row in range(3)]
     header = ("recording", *(f"order {order}x" for order in range(9)))
-    console.table(
+    console.print_table(
         "levels",
         header,
         [(f"A01_normal_15MPa_{row}", *values) for row, values in enumerate(numbers)],
@@ -114,5 +116,5 @@ def test_no_number_of_a_table_is_cut_on_a_narrow_terminal(
 
 
 def test_a_label_of_megabytes_is_cut_in_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    console.table("classes", ("class", "recordings"), [("x" * 3_000_000, 1)])
+    console.print_table("classes", ("class", "recordings"), [("x" * 3_000_000, 1)])
     assert len(capsys.readouterr().out) < 20_000

@@ -72,8 +72,8 @@ def test_features_writes_every_indicator_with_its_unit_in_the_bands_that_are_ask
 def test_of_many_recordings_the_furthest_come_first_and_the_rest_is_in_the_file(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swashtwin.cli.console.MOST_ROWS", 5)
-    monkeypatch.setattr("swashtwin.cli.signal.MOST_ROWS", 5)
+    monkeypatch.setattr("swashtwin.cli.console.MAX_ROWS", 5)
+    monkeypatch.setattr("swashtwin.cli.signal.MAX_ROWS", 5)
     output = run("signal", "trend", folder, "--channel", "cover").stdout
     assert output.index("loud") < output.index("healthy0")
     assert "9 more rows: --json has them." in output
@@ -107,7 +107,7 @@ def test_features_goes_on_after_an_interrupt(
         return long_indicators(recording, describe)
 
     monkeypatch.setattr("swashtwin.signals.long_indicators", stopping)
-    assert "the same command continues" in one_line(run(*words, out, code=130))
+    assert "The same command continues" in one_line(run(*words, out, code=130))
     assert not out.exists()
     with (tmp_path / "out.csv.partial").open("a") as file:
         file.write('[{"columns"')  # killed while it wrote a line

@@ -78,7 +78,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(
     whole = Twin.blocks
     with monkeypatch.context() as patch:
         patch.setattr(Twin, "blocks", interrupted)
-        assert "the same command continues" in one_line(
+        assert "The same command continues" in one_line(
             run(*words, tmp_path / "one" / "runs", code=130)
         )
     assert sorted(contents(tmp_path / "one" / "runs")) == [
@@ -203,7 +203,7 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(
     assert result.stdout == ""
     assert (
         result.stderr.splitlines()[-1]
-        == "swashtwin: error: File too large; nothing is half-written."
+        == "swashtwin: error: File too large; no file is half-written."
     )
     assert (tmp_path / "full.h5").read_text() == "old"
     left = sorted(path.name for path in tmp_path.rglob("*") if path.is_file())

@@ -89,7 +89,7 @@ def test_calibrate_takes_a_bare_file_at_the_operating_point_of_its_options(
 
 def test_a_recording_in_place_of_an_index_is_named(folder: Path) -> None:
     for words in (("train",), ("data", "split"), ("evaluate", folder / "m.safetensors")):
-        assert "normal_1.csv is no index of labeled recordings" in message(
+        assert "normal_1.csv is not an index of labeled recordings" in message(
             *words, folder / "normal_1.csv"
         )
 

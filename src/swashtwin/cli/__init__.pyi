@@ -2,13 +2,13 @@
 
 from .application import app as app
 from .application import main as main
-from .console import note as note
+from .console import print_note as print_note
+from .console import print_result as print_result
+from .console import print_table as print_table
+from .console import print_text as print_text
 from .console import progress as progress
-from .console import require_files as require_files
-from .console import say as say
-from .console import table as table
-from .console import tell as tell
-from .files import as_folder as as_folder
+from .console import require_existing as require_existing
+from .files import require_folder as require_folder
 from .files import require_output as require_output
 from .options import Index as Index
 from .options import Jobs as Jobs
@@ -17,6 +17,6 @@ from .options import Seed as Seed
 from .options import Window as Window
 from .options import read_list as read_list
 from .options import read_pairs as read_pairs
-from .options import read_words as read_words
+from .options import split_names as split_names
 from .watching import require_extra as require_extra
 from .watching import stop_signals as stop_signals

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, say, table, tell
+from swashtwin.cli.console import print_note, print_result, print_table, print_text, progress
 from swashtwin.cli.files import (
     Force,
     Report,
@@ -31,9 +31,9 @@ from swashtwin.cli.options import (
     band_from,
     defaults_of,
     fault_from,
-    present,
     read_settings,
     reads_files,
+    without_none,
 )
 from swashtwin.foundation import parse_quantity, plural
 
@@ -173,7 +173,7 @@ def calibrate(
         **{name: facts[name] for name in (*shown, "left_out", "notes")},
     }
     answer |= {"simulations": result.simulations, "wall_s": result.wall_s, "report": page}
-    tell(answer, as_json, lambda: _show(result, out, page))
+    print_result(answer, as_json, lambda: _show(result, out, page))
 
 
 def _recordings(
@@ -200,7 +200,7 @@ def _recordings(
         reading = {**reading, "speed": speed, "pressure": pressures[0]}
     (recording,) = load_sources([source], **reading)
     if recording.label is None:
-        note(
+        print_note(
             f"note: {source} is taken as a recording of a pump that is {label}; --fault names another class."
         )
         recording = recording.replace(label=label)
@@ -263,7 +263,7 @@ def _settings(
         chosen[name] = words[name][chosen[name]]
     own = ("lines", "nuisances", "phases", "bounds")
     arguments: dict[str, Any] = {name: chosen.pop(name) for name in own if name in chosen}
-    return arguments, present(**chosen)
+    return arguments, without_none(**chosen)
 
 
 def _interval(estimate: "Estimate") -> str:
@@ -289,17 +289,19 @@ def _show(result: "Calibration", out: Path, page: Path | None) -> None:
         for estimate in (*result.estimates, *law)
     ]  # fmt: skip
     header = ("", "parameter", "nominal", "calibrated", "90 % interval", "unit", "verdict")
-    table(f"{result.method} on {plural(len(result.recording_ids), 'recording')}", header, rows)
+    print_table(
+        f"{result.method} on {plural(len(result.recording_ids), 'recording')}", header, rows
+    )
     if result.law is not None:
         laws = sorted(result.law.evidence.items(), key=lambda item: -item[1])
-        table(
+        print_table(
             "Laws of the recess",
             ("contact, entry", "ln evidence"),
             [(name, f"{value:.1f}") for name, value in laws],
         )
     before, after = asdict(result.fit_before), asdict(result.fit_after)
     fits = [(name, before[name], after[name]) for name in before]
-    table("Against the measurement", ("figure", "nominal", "calibrated"), fits)
+    print_table("Against the measurement", ("figure", "nominal", "calibrated"), fits)
     for text in result.notes:
-        note(f"note: {text}")
-    say(str(out) if page is None else f"{out}\n{page}")
+        print_note(f"note: {text}")
+    print_text(str(out) if page is None else f"{out}\n{page}")

@@ -1,8 +1,7 @@
-"""What a command writes, and how it ends: one JSON object or tables, progress, its exit code and
-one line of why.
+"""Output of a command: JSON or tables, progress, notes, and the exit code with one line of reason.
 
-Text may come from a stranger's file. `safe_streams` and `escape_controls` see to it that it never
-steers the terminal, and that a console of any encoding shows it.
+Texts may come from a file of unknown origin. `safe_streams` and `escape_controls` ensure that they
+never control the terminal, and that a console of any encoding displays them.
 """
 
 import errno
@@ -25,108 +24,149 @@ from swashtwin.foundation import SwashTwinError, escape_controls, json_text
 
 T = TypeVar("T")
 
-MOST_ROWS = 24
-"""Rows of recordings that are printed; --json has all."""
-_UNLIMITED = 200  # columns where no terminal limits a table
-_LEAST = 16  # columns of a text that is folded
-_LONGEST = 2000  # characters of a cell; a label of megabytes would take minutes to fold
-_PAUSE = 20.0  # seconds between two lines of progress where there is no terminal
+MAX_ROWS = 24
+"""Rows of recordings that are printed, about one screen; ``--json`` prints all."""
+MAX_NAMES_IN_NOTE = 3
+"""Recordings that a merged note names; the others are counted."""
+PROGRESS_INTERVAL_S = 20.0
+"""Time between two lines of progress in a log file, which has no bar that could be redrawn."""
+_UNLIMITED_WIDTH = 200
+"""Columns of a table if no terminal limits it."""
+_MAX_FOLDED_WIDTH = 16
+"""Columns that a folded text keeps on a narrow terminal, so that it stays readable."""
+_MAX_CELL_LENGTH = 2000
+"""Characters of a cell; folding a label of several megabytes would take minutes."""
+
+BUG = 1
+BAD_DATA = 3
+NO_VERDICT = 4
+NOT_ENOUGH = 5
+INTERRUPTED = 130
+"""Exit codes; 0 is success, and 2 an invalid command line (set by typer).
+
+`NO_VERDICT`: the command ended normally, but a recording has no verdict. `NOT_ENOUGH`: the
+recordings are sound but too few. `INTERRUPTED`: the convention for SIGINT, 128 + 2.
+"""
 
 
 def safe_streams() -> None:
-    """Let the console show whatever it cannot encode as codes, and warnings and logs of libraries
-    without controls.
-    """
+    """Let the console print characters that it cannot encode, and library logs, as escape codes."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
     handler = logging.StreamHandler()
-    handler.setFormatter(_Printable("%(levelname)s: %(message)s"))
+    handler.setFormatter(_EscapingFormatter("%(levelname)s: %(message)s"))
     logging.basicConfig(handlers=[handler])
     logging.captureWarnings(capture=True)
 
 
-class _Printable(logging.Formatter):
+class _EscapingFormatter(logging.Formatter):
+    """Formats a log record without control characters."""
+
     def format(self, record: logging.LogRecord) -> str:
         return escape_controls(super().format(record), keep="\n")
 
 
-def tell(result: Mapping[str, Any], as_json: bool, show: Callable[[], None]) -> None:
-    """Print `result` as one JSON object, or what `show` prints."""
-    if as_json:
-        is_unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-        typer.echo(escape_controls(json_text(result, ensure_ascii=not is_unicode)))
-    else:
+def print_result(result: Mapping[str, Any], as_json: bool, show: Callable[[], None]) -> None:
+    """Print a result as one JSON object, or call `show`, which prints it for people."""
+    if not as_json:
         show()
+        return
+
+    is_unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+    typer.echo(escape_controls(json_text(result, ensure_ascii=not is_unicode)))
 
 
-def say(text: str) -> None:
-    """Print a line to standard output."""
+def print_text(text: str) -> None:
+    """Print a text to standard output."""
     typer.echo(escape_controls(text, keep="\n"))
 
 
-def note(text: str) -> None:
-    """Print a line to standard error, beside the progress."""
+def print_note(text: str) -> None:
+    """Print a text to standard error, so that standard output holds results only."""
     typer.echo(escape_controls(text, keep="\n"), err=True)
 
 
-def note_merged(notes: Iterable[tuple[str, str]], kind: str = "note") -> None:
-    """Print notes on recordings, or why they were left out, to standard error, one line for equal
-    notes of several.
+def print_merged_notes(notes: Iterable[tuple[str, str]], kind: str = "note") -> None:
+    """Print notes on recordings to standard error, and equal notes as one line.
+
+    Parameters
+    ----------
+    notes : pairs of a recording's name and the note on it.
+    kind : first word of each line.
     """
     names_by_text: dict[str, list[str]] = {}
     for name, text in notes:
         names_by_text.setdefault(text, []).append(name)
+
     for text, names in names_by_text.items():
-        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        where = (
-            names[0]
-            if len(names) == 1
-            else f"in {len(names)} recordings ({', '.join(names[:3])}{more})"
-        )
-        note(f"{kind}: {where}: {text}")
+        if len(names) == 1:
+            subject = names[0]
+        else:
+            listed = ", ".join(names[:MAX_NAMES_IN_NOTE])
+            n_unlisted = len(names) - MAX_NAMES_IN_NOTE
+            more = f" and {n_unlisted} more" if n_unlisted > 0 else ""
+            subject = f"in {len(names)} recordings ({listed}{more})"
+        print_note(f"{kind}: {subject}: {text}")
 
 
-def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print a table to standard output, numbers to the right; a narrow terminal folds long text,
-    and no number.
+def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """Print a table to standard output, with numbers aligned to the right.
+
+    A narrow terminal folds long texts, but never a number.
     """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    drawn = Table(box=SIMPLE_HEAD)
+    layout = Table(box=SIMPLE_HEAD)
     for column, name in enumerate(header):
         values = [row[column] for row in rows]
         is_number = any(map(_is_number, values)) and all(
             value is None or _is_number(value) for value in values
         )
-        least = min(max(len(_word(cell)) for cell in [name, *values]), _LEAST)
         justify: Literal["left", "right"] = "right" if is_number else "left"
-        drawn.add_column(
-            Text(_word(name)), justify=justify, no_wrap=is_number, overflow="fold", min_width=least
+        longest = max(len(_format_cell(cell)) for cell in [name, *values])
+        layout.add_column(
+            Text(_format_cell(name)),
+            justify=justify,
+            no_wrap=is_number,
+            overflow="fold",
+            min_width=min(longest, _MAX_FOLDED_WIDTH),
         )
     for row in rows:
-        drawn.add_row(*(Text(_word(cell)) for cell in row))
-    console = Console(width=None if sys.stdout.isatty() else _UNLIMITED)
+        layout.add_row(*(Text(_format_cell(cell)) for cell in row))
+
+    console = Console(width=None if sys.stdout.isatty() else _UNLIMITED_WIDTH)
+
+    # Wider than the terminal if it must be: rich would cut numbers otherwise.
     unlimited = console.options.update_width(sys.maxsize)
-    console.width = max(console.width, console.measure(drawn, options=unlimited).minimum)
-    console.print(Text(_word(title), style="table.title"))
-    console.print(drawn)
+    console.width = max(console.width, console.measure(layout, options=unlimited).minimum)
+    console.print(Text(_format_cell(title), style="table.title"))
+    console.print(layout)
 
 
-def show_rows(
-    title: str, header: Sequence[str], rows: Sequence[Sequence[object]], rest: str = "--json has"
+def print_rows(
+    title: str,
+    header: Sequence[str],
+    rows: Sequence[Sequence[object]],
+    source_of_all: str = "--json has",
 ) -> None:
-    """Print the first rows of a table, and where the rest is."""
-    table(title, header, rows[:MOST_ROWS])
-    if len(rows) > MOST_ROWS:
-        say(f"{len(rows) - MOST_ROWS} more rows: {rest} them.")
+    """Print the first rows of a table, and how to get the others.
+
+    Parameters
+    ----------
+    source_of_all : subject and verb of the sentence that names where all rows are.
+    """
+    print_table(title, header, rows[:MAX_ROWS])
+    if len(rows) > MAX_ROWS:
+        print_text(f"{len(rows) - MAX_ROWS} more rows: {source_of_all} them.")
 
 
-def class_words(label: str | None) -> str:
-    """Name of a class as a reader should see it."""
+def format_label(label: str | None) -> str:
+    """Return the name of a class as people read it."""
     return (label or "no class").replace("_", " ")
 
 
@@ -134,21 +174,33 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
+def _format_cell(value: object) -> str:
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+
+    text = escape_controls(str(value))
+    if len(text) > _MAX_CELL_LENGTH:
+        return f"{text[:_MAX_CELL_LENGTH]}..."
+    return text
+
+
 @contextmanager
 def progress(title: str) -> Iterator[Callable[..., None]]:
-    """Bar on standard error while the block runs; call what it yields with (count, total, optional
-    words).
+    """Show progress on standard error while the block runs.
 
-    Without a terminal it is a line every 20 s.
+    Yields a function of (count, total, optional description). On a terminal it moves a bar; without
+    one it prints a line every `PROGRESS_INTERVAL_S` seconds.
     """
     if not sys.stderr.isatty():
-        printed = time.monotonic()
+        printed_at = time.monotonic()
 
-        def print_line(count: int, total: int, words: str = title) -> None:
-            nonlocal printed
-            if time.monotonic() - printed >= _PAUSE:
-                printed = time.monotonic()
-                note(f"{words}: {count} of {total}")
+        def print_line(count: int, total: int, description: str = title) -> None:
+            nonlocal printed_at
+            if time.monotonic() - printed_at >= PROGRESS_INTERVAL_S:
+                printed_at = time.monotonic()
+                print_note(f"{description}: {count} of {total}")
 
         yield print_line
         return
@@ -165,34 +217,21 @@ def progress(title: str) -> Iterator[Callable[..., None]]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(escape_controls(title), total=None)
 
-        def update(count: int, total: int, words: str = title) -> None:
-            bar.update(task, completed=count, total=total, description=escape_controls(words))
+        def move_bar(count: int, total: int, description: str = title) -> None:
+            bar.update(task, completed=count, total=total, description=escape_controls(description))
 
-        yield update
+        yield move_bar
 
 
-def with_bar(items: Sequence[T], title: str) -> Iterator[T]:
-    """The items one after the other, with a bar that says how many are done."""
+def iterate_with_progress(entries: Sequence[T], title: str) -> Iterator[T]:
+    """Yield the entries, and show how many are finished."""
     with progress(title) as bar:
-        for number, item in enumerate(items):
-            bar(number, len(items))
-            yield item
+        for count, entry in enumerate(entries):
+            bar(count, len(entries))
+            yield entry
 
 
-def _word(value: object) -> str:
-    if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return "-"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    text = escape_controls(str(value))
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-
-
-BUG, BAD_DATA, NO_VERDICT, NOT_ENOUGH, INTERRUPTED = 1, 3, 4, 5, 130
-"""Exit codes; 0 is success and 2 a wrong command line. 4: the command ended well, but a recording
-has no verdict. 5: the recordings are sound, but too few.
-"""
-
+# typer has its own copy of click in some versions, so that the class is taken from its errors.
 _CLICK_ERROR: Any = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
@@ -202,43 +241,45 @@ class GuardedGroup(TyperGroup):
     """Commands whose errors become one line on standard error and an exit code."""
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
-        """Context of a command line; what is wrong with its words is said without control
-        characters.
-        """
-        with _printable_error():
+        """Return the context of a command line; its errors hold no control characters."""
+        with _escaped_click_errors():
             return super().make_context(*arguments, **options)
 
     def invoke(self, ctx: Any) -> Any:
-        """Result of the command; an error that is not the command line's ends it here."""
+        """Run the command, and exit with one line if it fails."""
         try:
-            with _printable_error():
+            with _escaped_click_errors():
                 return super().invoke(ctx)
         except KeyboardInterrupt as cause:
-            line = "interrupted; nothing is half-written, and where finished parts are kept the same command continues."
+            line = (
+                "interrupted: no file is half-written. The same command continues if it keeps "
+                "finished parts."
+            )
             raise self._exit(line, INTERRUPTED) from cause
         except SwashTwinError as cause:
             raise self._exit(f"error: {_error_line(cause)}", BAD_DATA) from cause
         except MemoryError as cause:
-            raise self._exit(
-                "error: not enough memory; ask for less at a time.", BAD_DATA
-            ) from cause
+            line = "error: not enough memory: process less data at a time."
+            raise self._exit(line, BAD_DATA) from cause
         except OSError as cause:
+            # A closed pipe is not an error: the reader, such as head, has enough.
             if cause.errno == errno.EPIPE:
                 raise
-            where = f"{cause.filename}: " if cause.filename else ""
-            reason = f"error: {where}{_line(cause.strerror or cause)}; nothing is half-written."
-            raise self._exit(reason, BAD_DATA) from cause
+            raise self._exit(f"error: {_os_error_line(cause)}", BAD_DATA) from cause
         except Exception as cause:
             if isinstance(cause, (_CLICK_ERROR, typer.Exit, typer.Abort)):
                 raise
-            if type(cause).__name__ == "SafetensorError":  # what safetensors raises on a full disk
-                raise self._exit(
-                    f"error: {_line(cause)}; nothing is half-written.", BAD_DATA
-                ) from cause
+            # safetensors raises its own error if the disk is full
+            if type(cause).__name__ == "SafetensorError":
+                line = f"error: {_one_line(cause)}; no file is half-written."
+                raise self._exit(line, BAD_DATA) from cause
             if ctx.params.get("debug"):
                 typer.echo(escape_controls(traceback.format_exc(), keep="\n"), err=True)
-            line = f"unexpected {type(cause).__name__}: {_line(cause)} This is a bug: please report it with the "
-            raise self._exit(f"{line}traceback that swashtwin --debug shows.", BUG) from cause
+            line = (
+                f"unexpected {type(cause).__name__}: {_one_line(cause)} This is a bug: please "
+                "report it with the traceback that swashtwin --debug prints."
+            )
+            raise self._exit(line, BUG) from cause
 
     @staticmethod
     def _exit(line: str, code: int) -> typer.Exit:
@@ -247,32 +288,43 @@ class GuardedGroup(TyperGroup):
 
 
 @contextmanager
-def _printable_error() -> Iterator[None]:
+def _escaped_click_errors() -> Iterator[None]:
+    """Escape control characters in errors about the command line, and correct their suggestions."""
     try:
         yield
     except _CLICK_ERROR as cause:
         cause.message = escape_controls(cause.message, keep="\n")
+
+        # Some settings are no options themselves, but values of one.
         key = getattr(cause, "option_name", "").lstrip("-").replace("-", "_")
-        if key in LAYOUT or key == "device":
-            cause.possibilities = [f"--read {key}=..." if key in LAYOUT else "--set device=..."]
+        if key in LAYOUT:
+            cause.possibilities = [option_name(key)]
+        elif key == "device":
+            cause.possibilities = ["--set device=..."]
         raise
 
 
 def _error_line(error: SwashTwinError) -> str:
     """Return an error as one line that names the options of the command line."""
-    line = _line(error.describe(spell_as_option))
+    line = _one_line(error.describe(spell_as_option))
     option = option_name(error.field)
     if error.field and option not in line:
         line += f" ({option})"
     return line
 
 
-def _line(cause: object) -> str:
+def _os_error_line(error: OSError) -> str:
+    """Return an error of the operating system as one line that names the file."""
+    file_name = f"{error.filename}: " if error.filename else ""
+    return f"{file_name}{_one_line(error.strerror or error)}; no file is half-written."
+
+
+def _one_line(cause: object) -> str:
     return " ".join(str(cause).split())
 
 
-def require_files(paths: Sequence[Path | None]) -> None:
-    """Refuse a file that is not there, before anything slow begins."""
+def require_existing(paths: Sequence[Path | None]) -> None:
+    """Raise an error if a file does not exist, before anything slow begins."""
     from swashtwin.foundation import MissingFileError
 
     for path in paths:

@@ -9,17 +9,17 @@ import typer
 
 from swashtwin.cli.console import (
     NO_VERDICT,
-    class_words,
-    note,
-    note_merged,
-    require_files,
-    say,
-    table,
-    tell,
-    with_bar,
+    format_label,
+    iterate_with_progress,
+    print_merged_notes,
+    print_note,
+    print_result,
+    print_table,
+    print_text,
+    require_existing,
 )
 from swashtwin.cli.files import Force, Report, load_sources, require_page, write_page
-from swashtwin.cli.options import Json, ModelFile, Reading, Sources, as_index, reads_files
+from swashtwin.cli.options import Json, ModelFile, Reading, Sources, reads_files, require_index
 from swashtwin.cli.training import confidence_advice
 from swashtwin.foundation import plural
 
@@ -48,7 +48,7 @@ def diagnose(
         typer.Option(
             metavar="FOLDER|INDEX",
             help="Healthy recordings of the machine, which a classifier then compares with; others in it are left out.",
-            callback=as_index,
+            callback=require_index,
         ),
     ] = None,
     pistons: Annotated[
@@ -73,7 +73,8 @@ def diagnose(
         trained, recordings = _compared(trained, healthy, recordings)
     rate: dict[str, Any] = {} if error_rate is None else {"error_rate": error_rate}
     verdicts = [
-        trained.diagnose(recording, **rate) for recording in with_bar(recordings, "diagnosing")
+        trained.diagnose(recording, **rate)
+        for recording in iterate_with_progress(recordings, "diagnosing")
     ]
     if pistons is not None:
         verdicts = [
@@ -91,13 +92,13 @@ def diagnose(
     page = write_page(report, *items, about={"Model": model})
 
     def show() -> None:
-        table(
+        print_table(
             plural(len(verdicts), "recording"),
             _HEADERS[verdicts[0].kind],
             [_row(verdict) for verdict in verdicts],
         )
         if isinstance(trained, FaultClassifier) and trained.fitted_.confidence is None:
-            note(
+            print_note(
                 f"note: the model's confidence is not calibrated; {confidence_advice(trained.fitted_)}."
             )
         said = {
@@ -105,14 +106,14 @@ def diagnose(
             for verdict in verdicts
             if verdict.label is None or verdict.unknown
         }
-        note_merged(
+        print_merged_notes(
             [
                 (item.recording_id, text.replace(f": {item.recording_id} ", ": it ", 1))
                 for item, text in said.items()
             ]
         )
         pairs = ((verdict, text) for verdict in verdicts for text in verdict.notes)
-        note_merged(
+        print_merged_notes(
             [
                 (verdict.recording_id, text)
                 for verdict, text in pairs
@@ -120,16 +121,18 @@ def diagnose(
             ]
         )
         if evidence and len(verdicts) > EXPLAINED:
-            note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
+            print_note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
         if page is not None:
-            say(str(page))
+            print_text(str(page))
 
     result = {
         "model": model,
         "diagnoses": [verdict.to_dict() for verdict in verdicts],
         "report": page,
     }
-    tell({**result, "evidence": [item.to_dict() for item in evidence.values()]}, as_json, show)
+    print_result(
+        {**result, "evidence": [item.to_dict() for item in evidence.values()]}, as_json, show
+    )
     if any(verdict.label is None for verdict in verdicts):
         raise typer.Exit(NO_VERDICT)
 
@@ -158,7 +161,7 @@ def _compared(
         compared = [item if item.specimen else item.replace(specimen=name) for item in compared]
     informed = trained.with_healthy(reference)
     for text in informed.notes_:
-        note(f"note: {text}")
+        print_note(f"note: {text}")
     return informed, compared
 
 
@@ -172,7 +175,7 @@ def _evidence_of(
     from swashtwin.foundation import DataError
 
     if not classifier.network.has_gradients:
-        note(
+        print_note(
             f"note: the page says no lines that speak for a verdict, since {classifier.network.name} has no gradients."
         )
         return {}
@@ -182,11 +185,11 @@ def _evidence_of(
         if pair[1].label is not None
     ]
     evidence = {}
-    for recording, verdict in with_bar(pairs, "collecting evidence"):
+    for recording, verdict in iterate_with_progress(pairs, "collecting evidence"):
         try:
             evidence[verdict.recording_id] = explain(classifier, recording, verdict)
         except DataError as cause:  # such as a file that is gone meanwhile; the verdicts stay
-            note(
+            print_note(
                 f"note: the page says no lines that speak for the verdict on {verdict.recording_id}: {cause}"
             )
     return evidence
@@ -218,10 +221,10 @@ def _row(verdict: "Diagnosis") -> tuple[object, ...]:
             verdict.verdict,
             *(None, "", "")[: len(_HEADERS[verdict.kind]) - 2],
         )
-    row = (verdict.recording_id, class_words(verdict.label), verdict.probabilities[verdict.label])
+    row = (verdict.recording_id, format_label(verdict.label), verdict.probabilities[verdict.label])
     if verdict.kind == "prior":
         return row
-    return *row, f"{verdict.agreement:.0%}", ", ".join(map(class_words, verdict.prediction_set))
+    return *row, f"{verdict.agreement:.0%}", ", ".join(map(format_label, verdict.prediction_set))
 
 
 def report(
@@ -242,7 +245,7 @@ def report(
     from swashtwin.diagnosis import load_model
     from swashtwin.foundation import InputError
 
-    require_files(sources)
+    require_existing(sources)
     if folders := [path for path in sources if path.is_dir()]:
         raise InputError(
             f"{folders[0]} is a folder; report takes files of calibrations and models."
@@ -253,4 +256,6 @@ def report(
         for path in sources
     ]
     page = write_page(out, *items, about={"File": ", ".join(path.name for path in sources)})
-    tell({"report": page, "sources": sources}, as_json, lambda: say(f"Report: {page}"))
+    print_result(
+        {"report": page, "sources": sources}, as_json, lambda: print_text(f"Report: {page}")
+    )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note
+from swashtwin.cli.console import print_note
 from swashtwin.cli.options import LAYOUT, READING
 from swashtwin.foundation import InputError, SwashTwinError
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from swashtwin.recordings import Finding, Recording
 
 
-def as_folder(path: Path | None) -> Path | None:
+def require_folder(path: Path | None) -> Path | None:
     """The same path, refused where no folder can be there or nothing can be written into it."""
     if path is not None:
         _require_place(path.absolute(), "a folder")
@@ -96,7 +96,7 @@ def require_page(
     if target is None or target.suffix == ".html":
         require_output(target, inputs=inputs, own=[_PAGE], force=force)
         return
-    as_folder(target)
+    require_folder(target)
     read = list(inputs)
     figures = [path for path in (target / "figures").glob("*") if path.is_file()]
     require_output(target / "report.html", inputs=read, own=[_PAGE], force=force)
@@ -220,7 +220,7 @@ def load_sources(
                 loaded = load_recordings(path, **facts)
             contradicted = loaded[0].attributes.get("contradicted")
             if contradicted and unreadable is None:  # an inspection says it itself
-                note(f"{path}: {contradicted}.")
+                print_note(f"{path}: {contradicted}.")
         recordings += loaded
         folders += [(path if path.is_dir() else path.parent).absolute().parts[1:]] * len(loaded)
     for name, count in Counter(recording.recording_id for recording in recordings).items():

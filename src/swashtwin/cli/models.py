@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import class_words, note, progress, say, table, tell
+from swashtwin.cli.console import (
+    format_label,
+    print_note,
+    print_result,
+    print_table,
+    print_text,
+    progress,
+)
 from swashtwin.cli.files import (
     Force,
     Report,
@@ -50,12 +57,12 @@ def evaluate(
         else:
             scores = trained.evaluate(chosen)
     if seen:
-        note(f"left out: {plural(len(seen), 'recording')} that had a part in the model.")
+        print_note(f"left out: {plural(len(seen), 'recording')} that had a part in the model.")
     for name, listed in seen.items():
         if name != listed:
-            note(f"left out: {describe_copies({name: listed})} had a part in the model.")
+            print_note(f"left out: {describe_copies({name: listed})} had a part in the model.")
     if synthetic := len(recordings) - len(chosen) - len(seen):
-        note(f"left out: {plural(synthetic, 'synthetic recording')}.")
+        print_note(f"left out: {plural(synthetic, 'synthetic recording')}.")
     page = write_page(report, scores, recordings=chosen, about={"Model": model, "Test": source})
 
     def show() -> None:
@@ -64,7 +71,7 @@ def evaluate(
         else:
             _show_alarms(scores)
         if page is not None:
-            say(str(page))
+            print_text(str(page))
 
     names = [recording.recording_id for recording in chosen]
     sure = (
@@ -72,7 +79,7 @@ def evaluate(
         if isinstance(trained, FaultClassifier)
         else {}
     )
-    tell(
+    print_result(
         {"model": model, "recordings": names, **scores.to_dict(), **sure, "report": page},
         as_json,
         show,
@@ -81,7 +88,7 @@ def evaluate(
 
 def _show_alarms(scores: "AlarmScores") -> None:
     rows = [
-        (class_words(item.label), item.n_recordings, item.n_no_verdict, item.n_alarms, item.share,
+        (format_label(item.label), item.n_recordings, item.n_no_verdict, item.n_alarms, item.share,
          f"{item.interval[0]:.2f} to {item.interval[1]:.2f}", item.auroc, item.n_named)
         for item in scores.classes
     ]  # fmt: skip
@@ -97,10 +104,10 @@ def _show_alarms(scores: "AlarmScores") -> None:
     )
     rate = "" if scores.error_rate is None else f" at a false-alarm rate of {scores.error_rate:g}"
     columns = len(header) if scores.error_rate is None else len(header) - 1
-    table(f"Alarms{rate}", header[:columns], [row[:columns] for row in rows])
+    print_table(f"Alarms{rate}", header[:columns], [row[:columns] for row in rows])
     for text in dict.fromkeys(item.no_verdict for item in scores.classes if item.no_verdict):
-        classes = [class_words(item.label) for item in scores.classes if item.no_verdict == text]
-        note(f"note: no verdict on recordings of {', '.join(classes)}: {text}")
+        classes = [format_label(item.label) for item in scores.classes if item.no_verdict == text]
+        print_note(f"note: no verdict on recordings of {', '.join(classes)}: {text}")
 
 
 def _name(score: str) -> str:
@@ -115,24 +122,24 @@ def _show_scores(scores: "Scores", confidence: "ConfidenceScores | None") -> Non
     title = (
         f"{plural(scores.n_windows, 'window')} of {count}, split {scores.split or 'not specified'}"
     )
-    table(title, ("score", "value", ""), rows)
+    print_table(title, ("score", "value", ""), rows)
     low, high = scores.accuracy_interval
-    say(f"95 % interval of the accuracy, over the recordings: {low:.3f} to {high:.3f}")
-    classes = [class_words(name) for name in scores.classes]
+    print_text(f"95 % interval of the accuracy, over the recordings: {low:.3f} to {high:.3f}")
+    classes = [format_label(name) for name in scores.classes]
     counts = [
         (name, *(int(n) for n in row)) for name, row in zip(classes, scores.confusion, strict=True)
     ]
     without = ("no verdict",) if scores.confusion.shape[1] > len(classes) else ()
-    table(
+    print_table(
         "Windows of each class (row) by predicted class (column)", ("", *classes, *without), counts
     )
     if confidence is None:
         return
     figures = confidence.to_dict().items()
     sure = [(_name(name), value) for name, value in figures if isinstance(value, int | float)]
-    table("Confidence, by recording", ("figure", "value"), sure)
+    print_table("Confidence, by recording", ("figure", "value"), sure)
     if confidence.called_unknown > 0:
-        note(
+        print_note(
             f"diagnose would call {confidence.called_unknown:.0%} of these recordings unknown; the scores count the "
             "likeliest class of each, not that answer."
         )
@@ -163,15 +170,15 @@ def export(
         usual = ", NaN if unknown" if classifier.network.settings.get("turns") else ""
         speed = f", speed (any) in rad/s{usual}" if classifier.network.uses_speed else ""
         rate = f"{layout.sample_rate:g} Hz"
-        say(
+        print_text(
             f"{out}: windows {shape} in {layout.unit} at {rate}{speed}, to one probability per class"
         )
         if classifier.recordings is not None:
-            note(
+            print_note(
                 "note: it holds the part on short windows alone; diagnose listens to whole recordings beside it."
             )
 
-    tell(result, as_json, show)
+    print_result(result, as_json, show)
 
 
 _FEW = 200
@@ -218,12 +225,12 @@ def prior(
     model.save(out)
 
     def show() -> None:
-        say(f"{out}: {model!r}")
+        print_text(f"{out}: {model!r}")
         if n_pumps < count:
-            note(
+            print_note(
                 f"note: {plural(count - n_pumps, 'pump')} had chamber pressures that do not converge."
             )
-        say(f"Next: swashtwin model adapt {out} HEALTHY")
+        print_text(f"Next: swashtwin model adapt {out} HEALTHY")
 
     result = {
         "model": out,
@@ -232,7 +239,7 @@ def prior(
         "classes": model.classes,
         "seed": seed,
     }
-    tell(result, as_json, show)
+    print_result(result, as_json, show)
 
 
 def adapt(
@@ -274,15 +281,15 @@ def adapt(
     }  # fmt: skip
 
     def show() -> None:
-        say(f"{out}: {model!r}")
+        print_text(f"{out}: {model!r}")
         if unlabeled:
-            note(
+            print_note(
                 f"note: {plural(unlabeled, 'recording')} without a class counted as healthy; label or leave out faults."
             )
         if pistons is None:
-            note(
+            print_note(
                 f"note: its faults were simulated for {model.pump}; of a pump of another design name the --pistons."
             )
-        say(f"Next: swashtwin diagnose {out} FILE")
+        print_text(f"Next: swashtwin diagnose {out} FILE")
 
-    tell(result, as_json, show)
+    print_result(result, as_json, show)

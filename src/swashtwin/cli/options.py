@@ -1,4 +1,4 @@
-"""Options that several commands share, and what their texts mean."""
+"""Options that several commands share, and the conversion of their texts to values."""
 
 import inspect
 import json
@@ -17,43 +17,59 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+INDEX_SUFFIXES = (".toml", ".h5", ".hdf5")
+"""Suffixes of an index file or a store of recordings."""
 
-def as_index(path: Path | None) -> Path | None:
-    """The same path, refused where it is a file that can be no index."""
-    if path is not None and path.is_file() and path.suffix not in (".toml", ".h5", ".hdf5"):
+
+def require_index(path: Path | None) -> Path | None:
+    """Return the path unless it is a file of another kind than an index."""
+    if path is not None and path.is_file() and path.suffix not in INDEX_SUFFIXES:
         raise typer.BadParameter(
-            f"{path} is no index of labeled recordings; swashtwin index FOLDER writes one."
+            f"{path} is not an index of labeled recordings. Write one with: swashtwin index FOLDER"
         )
     return path
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
-Seed = Annotated[int, typer.Option(help="Seed of every random draw.")]
+Seed = Annotated[int, typer.Option(help="Seed of all random numbers.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Number of parallel processes.")]
-_INDEX = "Index file, the folder that holds recordings.toml, or a store."
-Index = Annotated[Path, typer.Argument(metavar="INDEX", help=_INDEX, callback=as_index)]
+Index = Annotated[
+    Path,
+    typer.Argument(
+        metavar="INDEX",
+        help="Index file, folder that holds recordings.toml, or store.",
+        callback=require_index,
+    ),
+]
 Source = Annotated[
-    Path, typer.Argument(metavar="FILE|INDEX", help="A file, an index, or a folder with one.")
+    Path, typer.Argument(metavar="FILE|INDEX", help="Recording, index, or folder with an index.")
 ]
 Sources = Annotated[
     list[Path],
-    typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one."),
+    typer.Argument(metavar="FILE|INDEX...", help="Recordings, indexes, or folders with an index."),
 ]
 GroupName = Annotated[
     str,
     typer.Option(
-        "--group", help="What is never split: recording, specimen, condition, or an attribute."
+        "--group",
+        help="Unit that is never split between training and test: recording, specimen, "
+        "condition, or an attribute.",
     ),
 ]
-_USUAL = "Samples per window; by default 8192 or as many as recordings allow."
-UsualWindow = Annotated[int | None, typer.Option("--window", help=_USUAL)]
-Window = Annotated[int, typer.Option(help="Samples per window; 2048 are 80 ms at 25.6 kHz.")]
-Specimen = Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")]
+OptionalWindow = Annotated[
+    int | None,
+    typer.Option(
+        "--window",
+        help="Samples per window. Default: 8192, or fewer if the recordings are too short.",
+    ),
+]
+Window = Annotated[int, typer.Option(help="Samples per window (2048 are 80 ms at 25.6 kHz).")]
+Specimen = Annotated[str | None, typer.Option(help="Use only recordings of this machine.")]
 ModelFile = Annotated[
-    Path, typer.Argument(metavar="MODEL", help="Model file that train or model adapt wrote.")
+    Path, typer.Argument(metavar="MODEL", help="Model file written by train or model adapt.")
 ]
 CalibrationFile = Annotated[
-    Path, typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.")
+    Path, typer.Argument(metavar="CALIBRATION", help="Calibration file written by calibrate.")
 ]
 PumpName = Annotated[
     str,
@@ -61,21 +77,28 @@ PumpName = Annotated[
 ]
 Speed = Annotated[str, typer.Option(help='Shaft speed, such as "860 rpm".')]
 Pressure = Annotated[str, typer.Option(help='Absolute discharge pressure, such as "15 MPa".')]
-_FAULT = (
-    'Fault with the dimensions that are not the usual ones: "swash_plate:depth=0.3mm,length=30mm".'
+
+_FAULT_HELP = (
+    'Fault, with each dimension that differs from its default: "swash_plate:depth=0.3mm,'
+    'length=30mm".'
 )
-_KIND = "KIND[:NAME=QUANTITY,...]"
+_FAULT_METAVAR = "KIND[:NAME=QUANTITY,...]"
 FaultText = Annotated[
-    str, typer.Option("--fault", metavar=_KIND, help=f"{_FAULT} normal is a healthy pump.")
+    str,
+    typer.Option(
+        "--fault", metavar=_FAULT_METAVAR, help=f"{_FAULT_HELP} normal is a healthy pump."
+    ),
 ]
 OptionalFault = Annotated[
     str | None,
-    typer.Option("--fault", metavar=_KIND, help=f"{_FAULT} By default the calibration's."),
+    typer.Option(
+        "--fault", metavar=_FAULT_METAVAR, help=f"{_FAULT_HELP} Default: the calibration's fault."
+    ),
 ]
 Settings = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="NAME=VALUE", help="Any other setting, such as epochs=60; repeatable."
+        "--set", metavar="NAME=VALUE", help="Other setting, such as epochs=60. Repeatable."
     ),
 ]
 
@@ -87,11 +110,13 @@ class Preset(StrEnum):
     paper = "paper"
 
 
-PresetName = Annotated[Preset, typer.Option(help="What every option and setting defaults to.")]
+PresetName = Annotated[
+    Preset, typer.Option(help="Recipe that sets the defaults of all options and settings.")
+]
 
 
-def _sample_unit(text: str | None) -> str | None:
-    """The same unit, refused before any work where no sensor has it."""
+def _require_sample_unit(text: str | None) -> str | None:
+    """Return the unit, or reject it at once if it is not the unit of a sensor."""
     if text is not None:
         from swashtwin.foundation import UnitError
         from swashtwin.recordings import require_sample_unit
@@ -103,37 +128,43 @@ def _sample_unit(text: str | None) -> str | None:
     return text
 
 
-def _reading(help_text: str, kind: Any = str, **more: Any) -> Any:
+def _reading_option(help_text: str, kind: Any = str, **details: Any) -> Any:
     return Annotated[
         kind | None,
-        typer.Option(help=help_text, rich_help_panel="What a file does not say", **more),
+        typer.Option(
+            help=help_text, rich_help_panel="Facts that the file does not contain", **details
+        ),
     ]
 
 
 READING = {
-    "sample_rate": _reading('Sample rate: "25.6 kHz".'),
-    "unit": _reading(
-        'Unit of the numbers in the file: "g", "m/s^2", "V", "1".', callback=_sample_unit
+    "sample_rate": _reading_option('Sample rate: "25.6 kHz".'),
+    "unit": _reading_option(
+        'Unit of the numbers in the file: "g", "m/s^2", "V", "1".', callback=_require_sample_unit
     ),
-    "sensitivity": _reading(
-        'What they stand for: "99.7 mV/g", "0.488 mg/count", "50 m/s^2" (full scale of WAV), NAME=...; repeatable.',
+    "sensitivity": _reading_option(
+        'Scale of the numbers in the file: "99.7 mV/g", "0.488 mg/count", "50 m/s^2" (full scale '
+        "of WAV), or NAME=SCALE for one channel. Repeatable.",
         list[str],
     ),
-    "channels": _reading("Channel to read, by name, pattern or number; repeatable.", list[str]),
-    "names": _reading("New name of each channel, in order; repeatable.", list[str]),
-    "read": _reading(
-        "How the file is laid out, by keys of an index: time_column=t (or 0), time_unit=us, header_lines=3, "
-        "separator=tab, decimal=,; repeatable.",
+    "channels": _reading_option(
+        "Channel to read, by name, pattern or number. Repeatable.", list[str]
+    ),
+    "names": _reading_option("New name of each channel, in order. Repeatable.", list[str]),
+    "read": _reading_option(
+        "Layout of the file, by keys of an index: time_column=t (or 0), time_unit=us, "
+        "header_lines=3, separator=tab, decimal=,. Repeatable.",
         list[str],
         metavar="KEY=VALUE",
     ),
-    "speed": _reading('Shaft speed: "860 rpm".'),
-    "pressure": _reading('Absolute discharge pressure: "15 MPa".'),
-    "resample": _reading('Rate to resample to: "12 kHz".'),
+    "speed": _reading_option('Shaft speed: "860 rpm".'),
+    "pressure": _reading_option('Absolute discharge pressure: "15 MPa".'),
+    "resample": _reading_option('Sample rate to resample to: "12 kHz".'),
 }
-"""Options that state for single files what keys of an index state for many."""
+"""Options that specify, for single files, what an index specifies for many."""
+
 LAYOUT = ("time_column", "time_unit", "header_lines", "separator", "decimal")
-"""Keys of an index that ``--read`` states."""
+"""Keys of an index that ``--read`` sets."""
 
 
 def option_name(setting: str) -> str:
@@ -167,66 +198,78 @@ def spell_as_option(setting: str, value: str) -> str:
         pair = f"{setting}={bare_value}"
         return f"--read {pair}" if bare_value.isalnum() else f'--read "{pair}"'
 
-    # The shell splits at blanks and reads the other characters in its own way.
+    # The shell splits at blanks, and gives some other characters a meaning.
     is_plain = re.fullmatch(r"[\w.,:/+-]+", bare_value) is not None
     shell_value = bare_value if is_plain else f'"{bare_value}"'
     return f"{option_name(setting)} {shell_value}"
 
 
 Reading = dict[str, Any]
-"""What the options of `reads_files` state, for ``load_recordings(path, **reading)``."""
+"""What the options of `reads_files` specify, for ``load_recordings(path, **reading)``."""
 
 
 def reads_files(command: Callable[..., None]) -> Callable[..., None]:
-    """A command with the options that say how to read a file, which it gets together as
-    ``reading``.
+    """Add the options that specify how to read a file; the command gets them as ``reading``.
 
-    An option of its own by the same name stays the command's.
+    If the command already has an option of the same name, that option stays.
     """
     signature = inspect.signature(command)
-    added = [name for name in READING if name not in signature.parameters]
+    added_names = [name for name in READING if name not in signature.parameters]
 
     @wraps(command)
     def with_reading(**values: Any) -> None:
-        reading = present(**{name: values.pop(name, None) for name in added})
-        layout = _layout(reading.pop("read", ()))
+        reading = without_none(**{name: values.pop(name, None) for name in added_names})
+        layout = _read_layout(reading.pop("read", ()))
         command(**values, reading=reading | layout)
 
+    # typer reads the options from the signature, so that it lists each one.
     keyword = inspect.Parameter.KEYWORD_ONLY
     parameters: list[inspect.Parameter] = []
     for name, parameter in signature.parameters.items():
-        if name == "reading":
-            parameters += [
-                inspect.Parameter(key, keyword, default=None, annotation=READING[key])
-                for key in added
-            ]
-        else:
+        if name != "reading":
             parameters.append(parameter.replace(kind=keyword))
+            continue
+        for added_name in added_names:
+            parameters.append(
+                inspect.Parameter(added_name, keyword, default=None, annotation=READING[added_name])
+            )
     with_reading.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return with_reading
 
 
-def _layout(texts: Sequence[str]) -> dict[str, Any]:
+def _read_layout(texts: Sequence[str]) -> dict[str, Any]:
+    """Return the layout keys that ``--read KEY=VALUE`` options specify."""
     layout: dict[str, Any] = {}
     for text in texts:
         name, _, value = text.partition("=")
         key = name.strip().replace("-", "_")
         if key not in LAYOUT or not value:
-            reason = f"{text!r} must be KEY=VALUE; the keys are {', '.join(LAYOUT)}."
-            raise typer.BadParameter(reason, param_hint="--read")
+            raise typer.BadParameter(
+                f"{text!r} must be KEY=VALUE, with one of the keys {', '.join(LAYOUT)}.",
+                param_hint="--read",
+            )
         if key == "header_lines" and not value.isdecimal():
             raise typer.BadParameter(
                 f"{text!r} must be a whole number of lines.", param_hint="--read"
             )
-        is_number = key in ("header_lines", "time_column") and value.isdecimal()
-        layout[key] = (
-            int(value) if is_number else "\t" if (key, value) == ("separator", "tab") else value
-        )
+
+        if key in ("header_lines", "time_column") and value.isdecimal():
+            layout[key] = int(value)
+        elif key == "separator" and value == "tab":
+            layout[key] = "\t"
+        else:
+            layout[key] = value
     return layout
 
 
 def read_pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
-    """``name=value`` texts as a dictionary; anything else is a wrong command line."""
+    """Return ``NAME=VALUE`` texts as a dictionary.
+
+    Raises
+    ------
+    typer.BadParameter
+        A text is not of this form.
+    """
     pairs = {}
     for text in texts or ():
         name, equals, value = text.partition("=")
@@ -237,39 +280,50 @@ def read_pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
 
 
 def read_list(text: str | None, kind: Callable[[str], T], option: str) -> list[T] | None:
-    """Comma-separated values; anything else is a wrong command line."""
+    """Return comma-separated values of one kind, or None without a text.
+
+    Raises
+    ------
+    typer.BadParameter
+        A value is not of this kind.
+    """
     if text is None:
         return None
     try:
         return [kind(part.strip()) for part in text.split(",")]
     except ValueError:
-        number = "whole numbers" if kind is int else "numbers"
+        numbers = "whole numbers" if kind is int else "numbers"
         raise typer.BadParameter(
-            f"{text!r} must be {number} with commas between them.", param_hint=option
+            f"{text!r} must be {numbers} separated by commas.", param_hint=option
         ) from None
 
 
-def read_words(text: str | None) -> list[str]:
-    """Comma-separated words; none where there is no text."""
-    return [word.strip() for word in (text or "").split(",") if word.strip()]
+def split_names(text: str | None) -> list[str]:
+    """Return comma-separated names; an empty list without a text."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
-def present(**values: Any) -> dict[str, Any]:
-    """The values that are neither None nor an empty list."""
+def without_none(**values: Any) -> dict[str, Any]:
+    """Return the values that are neither None nor an empty list."""
     return {name: value for name, value in values.items() if value is not None and value != []}
 
 
 def fault_dimensions(text: str) -> tuple[str, dict[str, str]]:
-    """Kind of a fault text, and its dimensions: ``("piston", {"clearance": "60um"})`` of
-    ``piston:clearance=60um``.
+    """Return the kind of a fault and its dimensions from the text of ``--fault``.
+
+    Examples
+    --------
+    >>> fault_dimensions("piston:clearance=60um")
+    ('piston', {'clearance': '60um'})
     """
     kind, _, dimensions = text.partition(":")
     return kind.strip(), read_pairs(dimensions.split(",") if dimensions else None, "--fault")
 
 
 def fault_from(text: str) -> "Fault | None":
-    """Fault that the text of ``--fault`` describes; None is a healthy pump. A recess whose law of
-    contact is not named gets the one that suits its depth.
+    """Return the fault that the text of ``--fault`` describes; None for a healthy pump.
+
+    A recess without a contact law gets the law that suits its depth.
     """
     from swashtwin.pump import SwashPlateDefect, read_fault
 
@@ -281,70 +335,92 @@ def fault_from(text: str) -> "Fault | None":
 
 
 def band_from(text: str, option: str = "--band") -> tuple[float, float]:
-    """Edges [Hz] of a band such as ``10-1000 Hz``; one in shaft orders is a wrong command line."""
+    """Return the edges [Hz] of a frequency band such as ``10-1000 Hz``.
+
+    Raises
+    ------
+    typer.BadParameter
+        The band is in shaft orders.
+    """
     from swashtwin.signals import Band
 
     band = Band.parse(text)
     if band.in_orders:
-        raise typer.BadParameter("is a band in Hz here: 2-5 kHz.", param_hint=option)
+        raise typer.BadParameter("must be a band in Hz, such as 2-5 kHz.", param_hint=option)
     return band.low, band.high
 
 
 def read_settings(
     texts: Sequence[str] | None, defaults: dict[str, Any], owner: str
 ) -> dict[str, Any]:
-    """Settings that ``--set NAME=VALUE`` names, each of the same kind as its default.
+    """Return the settings that ``--set NAME=VALUE`` options specify, of the types of the defaults.
 
     Parameters
     ----------
-    defaults : each setting that can be given, with its default.
-    owner : whose settings these are, for messages.
+    defaults : allowed settings and their defaults.
+    owner : what the settings belong to, for messages.
+
+    Raises
+    ------
+    typer.BadParameter
+        A setting does not exist, or its value is of another type.
     """
     from difflib import get_close_matches
 
     settings = {}
     for name, text in read_pairs(texts, "--set").items():
         if name not in defaults:
-            near = get_close_matches(name, defaults, n=1)
-            hint = (
-                f" Did you mean {near[0]}?"
-                if near
-                else f" There are {', '.join(sorted(defaults))}."
-            )
-            raise typer.BadParameter(f"{owner} has no setting {name!r}.{hint}", param_hint="--set")
-        settings[name] = _setting(name, text, defaults[name])
+            close_names = get_close_matches(name, defaults, n=1)
+            if close_names:
+                hint = f"Did you mean {close_names[0]}?"
+            else:
+                hint = f"The settings are {', '.join(sorted(defaults))}."
+            raise typer.BadParameter(f"{owner} has no setting {name!r}. {hint}", param_hint="--set")
+        settings[name] = _read_setting(name, text, defaults[name])
     return settings
 
 
-def _setting(name: str, text: str, default: Any) -> Any:
-    """Value of a setting: a word where the default is one, else a number, a truth value, or numbers
-    with commas.
+def _read_setting(name: str, text: str, default: Any) -> Any:
+    """Return the value of a setting, of the type of its default.
+
+    A default of None stands for a number or several numbers.
     """
     if isinstance(default, str):
         return text
+
     try:
         values = json.loads(f"[{text}]")
     except ValueError:
         values = []
-    several, first = default is None or isinstance(default, tuple), default
-    if isinstance(default, tuple) and default:
-        first = default[0]
-    types = {bool: ((bool,), "true or false"), int: ((int,), "a whole number")}
-    kinds, words = types.get(type(first), ((int, float), "a number"))
-    if (
-        not values
-        or not all(type(value) in kinds for value in values)
-        or (len(values) > 1 and not several)
-    ):
-        reason = f"{name}={text} must be {words}{', or several with commas' if several else ''}."
-        raise typer.BadParameter(reason, param_hint="--set")
+
+    may_be_several = default is None or isinstance(default, tuple)
+    example = default[0] if isinstance(default, tuple) and default else default
+    if isinstance(example, bool):
+        types: tuple[type, ...] = (bool,)
+        description = "true or false"
+    elif isinstance(example, int):
+        types = (int,)
+        description = "a whole number"
+    else:
+        types = (int, float)
+        description = "a number"
+
+    has_right_types = bool(values) and all(type(value) in types for value in values)
+    if not has_right_types or (len(values) > 1 and not may_be_several):
+        alternative = ", or several separated by commas" if may_be_several else ""
+        raise typer.BadParameter(
+            f"{name}={text} must be {description}{alternative}.", param_hint="--set"
+        )
+
     if isinstance(default, float):
         values = [float(value) for value in values]
-    return tuple(values) if len(values) > 1 or isinstance(default, tuple) else values[0]
+    if len(values) > 1 or isinstance(default, tuple):
+        return tuple(values)
+    return values[0]
 
 
 def defaults_of(settings: Any) -> dict[str, Any]:
-    """Settings of a dataclass instance by name, but for what no text can say."""
-    values = {item.name: getattr(settings, item.name) for item in fields(settings)}
-    kinds = (int, float, str, tuple, type(None))
-    return {name: value for name, value in values.items() if isinstance(value, kinds)}
+    """Return the fields of a dataclass instance whose values can be typed as text."""
+    types = (int, float, str, tuple, type(None))
+    values = {field.name: getattr(settings, field.name) for field in fields(settings)}
+    return {name: value for name, value in values.items() if isinstance(value, types)}

@@ -10,15 +10,15 @@ import typer
 
 from swashtwin.cli.console import (
     BAD_DATA,
-    MOST_ROWS,
+    MAX_ROWS,
     NOT_ENOUGH,
-    class_words,
-    note,
+    format_label,
+    print_note,
+    print_result,
+    print_rows,
+    print_table,
+    print_text,
     progress,
-    say,
-    show_rows,
-    table,
-    tell,
 )
 from swashtwin.cli.files import (
     Force,
@@ -116,16 +116,16 @@ def index(
 
     def show() -> None:
         for reason in proposal.skipped:
-            note(f"left out: {reason}")
+            print_note(f"left out: {reason}")
         for remark in proposal.notes:
-            note(f"note: {remark}")
+            print_note(f"note: {remark}")
         for sentence in proposal.facts:
-            say(sentence)
-        classes = ", ".join(map(class_words, result["classes"])) or "classes that the files name"
-        say(f"{path}: {plural(len(entries), 'recording')} of {classes}")
-        say(f"Check it, then: swashtwin inspect {path}")
+            print_text(sentence)
+        classes = ", ".join(map(format_label, result["classes"])) or "classes that the files name"
+        print_text(f"{path}: {plural(len(entries), 'recording')} of {classes}")
+        print_text(f"Check it, then: swashtwin inspect {path}")
 
-    tell(result, as_json, show)
+    print_result(result, as_json, show)
 
 
 def _ask(key: str, question: str) -> str | None:
@@ -148,7 +148,7 @@ def inspect(
         report = inspect_recordings(recordings, unreadable=unreadable, progress=bar)
     result = {**report.to_dict(), "has_errors": report.has_errors}
     words = str if any(is_collection(path, {}) for path in paths) else by_options
-    tell(result, as_json, lambda: _show_inspection(report, words))
+    print_result(result, as_json, lambda: _show_inspection(report, words))
     if report.has_errors:
         raise typer.Exit(BAD_DATA)
 
@@ -169,7 +169,7 @@ def check(
         unreadable: list[Finding] = []
         recordings = load_sources([source], unreadable)
         result = check_recordings(recordings, window=window, unreadable=unreadable, progress=bar)
-    tell(result.to_dict(), as_json, lambda: _show_check(result))
+    print_result(result.to_dict(), as_json, lambda: _show_check(result))
     if not result.is_sound:
         raise typer.Exit(BAD_DATA)
     if not result.is_enough:
@@ -195,10 +195,12 @@ def convert(
     result = {"store": out, "recordings": len(recordings), "seconds": seconds, "bytes": size}
 
     def show() -> None:
-        say(f"{out}: {plural(len(recordings), 'recording')}, {seconds:.4g} s, {size / 1e6:.4g} MB")
-        say(f"Next: swashtwin inspect {out}")
+        print_text(
+            f"{out}: {plural(len(recordings), 'recording')}, {seconds:.4g} s, {size / 1e6:.4g} MB"
+        )
+        print_text(f"Next: swashtwin inspect {out}")
 
-    tell(result, as_json, show)
+    print_result(result, as_json, show)
 
 
 def split(
@@ -240,9 +242,9 @@ def split(
 
     def show() -> None:
         for name, file in files.items():
-            say(f"{file}: {plural(len(ids[name]), 'recording')}")
+            print_text(f"{file}: {plural(len(ids[name]), 'recording')}")
 
-    tell(result, as_json, show)
+    print_result(result, as_json, show)
 
 
 _STATES = {"yes": "enough", "partly": "in part", "no": "not enough"}
@@ -250,7 +252,7 @@ _STATES = {"yes": "enough", "partly": "in part", "no": "not enough"}
 
 def _show_inspection(report: "InspectionReport", words: Callable[[str], str]) -> None:
     rows = [
-        (item.recording_id, class_words(item.label),
+        (item.recording_id, format_label(item.label),
          int(item.sample_rate) if item.sample_rate.is_integer() else item.sample_rate, round(item.duration, 3),
          channel.name, channel.minimum, channel.maximum, channel.rms, item.unit)
         for item in report.recordings
@@ -267,16 +269,16 @@ def _show_inspection(report: "InspectionReport", words: Callable[[str], str]) ->
         "rms",
         "unit",
     )
-    show_rows(plural(len(report.recordings), "recording"), header, rows)
-    sentences = report.merged(by_kind=len(rows) > MOST_ROWS)
+    print_rows(plural(len(report.recordings), "recording"), header, rows)
+    sentences = report.merged(by_kind=len(rows) > MAX_ROWS)
     for severity, text in sentences:
-        say(f"{severity}: {words(text)}")
+        print_text(f"{severity}: {words(text)}")
     if not sentences:
-        say("Nothing suspicious was found.")
+        print_text("Nothing suspicious was found.")
 
 
 def _show_check(check: "DataCheck") -> None:
-    say(check.answer)
+    print_text(check.answer)
     labels = list(dict.fromkeys(count.label for count in check.counts))
     conditions = list(dict.fromkeys(count.condition for count in check.counts))
     counts = {(count.label, count.condition): count for count in check.counts}
@@ -286,7 +288,7 @@ def _show_check(check: "DataCheck") -> None:
         specimens = {name for cell in cells if cell for name in cell.specimens}
         rows.append(
             (
-                class_words(label),
+                format_label(label),
                 *(cell.recordings if cell else 0 for cell in cells),
                 len(specimens),
             )
@@ -295,12 +297,12 @@ def _show_check(check: "DataCheck") -> None:
         names = (
             condition if condition != "-" else "condition not stated" for condition in conditions
         )
-        table("Recordings by class and condition", ("class", *names, "specimens"), rows)
+        print_table("Recordings by class and condition", ("class", *names, "specimens"), rows)
     for use in check.uses:
-        say(f"{_STATES[use.state]}: {use.name}: {use.reason}")
+        print_text(f"{_STATES[use.state]}: {use.name}: {use.reason}")
     for severity, text in check.inspection.merged(by_kind=True):
-        say(f"{severity}: {text}")
+        print_text(f"{severity}: {text}")
     for label, condition in check.gaps:
-        say(f"warning: {class_words(label)} was not measured at {condition}.")
+        print_text(f"warning: {format_label(label)} was not measured at {condition}.")
     for text in check.notes:
-        say(f"note: {text}")
+        print_text(f"note: {text}")

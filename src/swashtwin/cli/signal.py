@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from swashtwin.cli.console import (
-    MOST_ROWS,
-    class_words,
-    note,
-    say,
-    show_rows,
-    table,
-    tell,
-    with_bar,
+    MAX_ROWS,
+    format_label,
+    iterate_with_progress,
+    print_note,
+    print_result,
+    print_rows,
+    print_table,
+    print_text,
 )
 from swashtwin.cli.files import FIGURE, Force, load_sources, require_output
 from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, read_list, reads_files
@@ -171,7 +171,9 @@ def features(
         from swashtwin.foundation import write_text
 
         write_text(out, indicators.csv)
-    tell({"csv": out, **indicators.to_dict()}, as_json, lambda: _show_indicators(indicators, out))
+    print_result(
+        {"csv": out, **indicators.to_dict()}, as_json, lambda: _show_indicators(indicators, out)
+    )
 
 
 def _show_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
@@ -193,9 +195,9 @@ def _show_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
         (row.recording_id, row.channel, *numbers)
         for row, numbers in zip(indicators.rows, values, strict=True)
     ]
-    show_rows(f"{len(rows)} rows", ("recording", "channel", *names), rows, "--out or --json has")
+    print_rows(f"{len(rows)} rows", ("recording", "channel", *names), rows, "--out or --json has")
     where = f": {out}" if out else "; --out FILE.csv writes them"
-    say(f"{len(indicators.columns)} indicators in all{where}. {_NO_ZONE}")
+    print_text(f"{len(indicators.columns)} indicators in all{where}. {_NO_ZONE}")
 
 
 @reads_files
@@ -258,17 +260,17 @@ def spectrum(
 
     def show() -> None:
         for name, (low, high) in zip(lines.channels, lines.bands, strict=False):
-            say(f"{name}: envelope of {low:.0f} to {high:.0f} Hz")
+            print_text(f"{name}: envelope of {low:.0f} to {high:.0f} Hz")
         axis = f"{lines.axis}{f' [{lines.axis_unit}]' if lines.axis_unit else ''}"
         header = ("line", axis, *(f"{name} [{lines.unit or '1'}]" for name in lines.channels))
         rows = [(mark.name, mark.at, *lines.at(mark).tolist()) for mark in lines.marks]
         if rows:
-            table(f"{drawing.title}, at the expected lines", header, rows)
+            print_table(f"{drawing.title}, at the expected lines", header, rows)
         else:
-            note('The speed is not stated, so no line is marked; give --speed "860 rpm".')
-        say(f"{target}\n{data}")
+            print_note('The speed is not stated, so no line is marked; give --speed "860 rpm".')
+        print_text(f"{target}\n{data}")
 
-    tell(result, as_json, show)
+    print_result(result, as_json, show)
 
 
 def trend(
@@ -333,18 +335,18 @@ def trend(
         counts = [point.count for point in result.points if point.status != "no baseline"]
         if without := len(result.points) - len(counts):
             count = f"{plural(without, 'recording')} {'has' if without == 1 else 'have'}"
-            note(
+            print_note(
                 f"{count} no baseline: it takes 5 other healthy ones of the machine at that point."
             )
         if counts and min(counts) < 12:
-            note(f"The smallest baseline has {plural(min(counts), 'recording')}; it flags some healthy ones "
+            print_note(f"The smallest baseline has {plural(min(counts), 'recording')}; it flags some healthy ones "
                  "(docs/how-to/indicators.md).")  # fmt: skip
         flagged = f"{len(result.flagged)} of {len(counts)} flagged beyond {threshold:g} spreads."
-        say(f"{flagged if counts else 'None could be judged.'} {_NO_ZONE}")
+        print_text(f"{flagged if counts else 'None could be judged.'} {_NO_ZONE}")
         if out is not None:
-            say(f"{out}\n{csv_file}")
+            print_text(f"{out}\n{csv_file}")
 
-    tell({**result.to_dict(), "svg": out, "csv": csv_file}, as_json, show)
+    print_result({**result.to_dict(), "svg": out, "csv": csv_file}, as_json, show)
 
 
 def _show_points(trend: "Trend") -> None:
@@ -357,12 +359,12 @@ def _show_points(trend: "Trend") -> None:
     rows = [
         (
             point.row.recording_id,
-            class_words(point.row.label),
+            format_label(point.row.label),
             *(factor * value for value in (point.value, point.median, point.spread)),
             point.count,
             point.status,
         )
-        for point in (points if len(points) > MOST_ROWS else trend.points)
+        for point in (points if len(points) > MAX_ROWS else trend.points)
     ]
     header = (
         "recording",
@@ -373,7 +375,7 @@ def _show_points(trend: "Trend") -> None:
         "healthy",
         "status",
     )
-    show_rows(f"{trend.indicator.name} of {trend.channel}", header, rows)
+    print_rows(f"{trend.indicator.name} of {trend.channel}", header, rows)
 
 
 def _indicators_of(
@@ -418,13 +420,15 @@ def _indicators_of(
         }
 
     tables = []
-    for found, refused in _kept(out, settings, with_bar(recordings, "indicators"), result_of):
+    for found, refused in _kept(
+        out, settings, iterate_with_progress(recordings, "indicators"), result_of
+    ):
         tables.append(from_table(found, IndicatorTable))
         refusals |= refused
     if refusals and len(refusals) == len(recordings):
         raise DataError(next(iter(refusals.values())))
     for reason in refusals.values():
-        note(f"no orders: {reason}")
+        print_note(f"no orders: {reason}")
     return stacked(tables)
 
 

@@ -7,17 +7,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, require_files, say, table, tell
+from swashtwin.cli.console import (
+    print_note,
+    print_result,
+    print_table,
+    print_text,
+    progress,
+    require_existing,
+)
 from swashtwin.cli.files import Force, artifact_marks, require_output
 from swashtwin.cli.options import (
     CalibrationFile,
     Json,
     OptionalFault,
+    OptionalWindow,
     Pressure,
     PumpName,
     Seed,
     Speed,
-    UsualWindow,
     fault_from,
 )
 from swashtwin.foundation import plural
@@ -78,7 +85,7 @@ def simulate(
         raise typer.BadParameter(
             "names a file; more than one recording needs a folder.", param_hint="--out"
         )
-    require_files([calibration])
+    require_existing([calibration])
     seconds = parse_quantity(duration, "s", name="--duration")
     defect = fault_from(fault or "normal")
     condition = read_condition(speed=speed, discharge_pressure=pressure)
@@ -95,7 +102,7 @@ def simulate(
             *notes,
         )
     for text in notes:
-        note(f"note: {text}")
+        print_note(f"note: {text}")
     plan = _Plan(
         twin, seconds, parse_quantity(sample_rate, "Hz", name="--sample-rate"), seed, notes
     )
@@ -160,10 +167,12 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
         "duration_s": sum(counts) / plan.sample_rate,
     }
     result |= {"sample_rate_hz": plan.sample_rate, "rms_m_s2": rms, "notes": plan.notes}
-    tell(
+    print_result(
         result,
         as_json,
-        lambda: table(f"{out}: {recording.label}", ("channel", "rms [m/s^2]"), list(rms.items())),
+        lambda: print_table(
+            f"{out}: {recording.label}", ("channel", "rms [m/s^2]"), list(rms.items())
+        ),
     )
 
 
@@ -196,10 +205,12 @@ def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
         "seed": plan.seed,
     }
     result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate, "notes": plan.notes}
-    tell(
+    print_result(
         result,
         as_json,
-        lambda: say(f"{index}: {plural(count, 'recording')} of {plan.twin.label}, {len(new)} new"),
+        lambda: print_text(
+            f"{index}: {plural(count, 'recording')} of {plan.twin.label}, {len(new)} new"
+        ),
     )
 
 
@@ -218,7 +229,7 @@ def synthesize(
         str | None,
         typer.Option(help='Another absolute discharge pressure for the twin, such as "10 MPa".'),
     ] = None,
-    window: UsualWindow = None,
+    window: OptionalWindow = None,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
@@ -237,7 +248,7 @@ def synthesize(
     from swashtwin.learning import save_windows
     from swashtwin.recordings import load_recordings
 
-    require_files([calibration, like])
+    require_existing([calibration, like])
     require_output(out, inputs=[calibration, like], own=artifact_marks("window set"), force=force)
     result = load_calibration(calibration)
     calibrated = result.twin.fault if result.law is None else result.law.fault
@@ -265,12 +276,14 @@ def synthesize(
 
     def show() -> None:
         for text in windows.notes:
-            note(f"note: {text}")
-        say(f"{out}: {plural(len(windows), 'window')} of {label}")
+            print_note(f"note: {text}")
+        print_text(f"{out}: {plural(len(windows), 'window')} of {label}")
         show_fidelity(fidelity, label)
-        say(f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors")
+        print_text(
+            f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors"
+        )
 
-    tell(answer, as_json, show)
+    print_result(answer, as_json, show)
 
 
 def show_fidelity(fidelity: "Fidelity | None", label: str) -> None:
@@ -278,21 +291,21 @@ def show_fidelity(fidelity: "Fidelity | None", label: str) -> None:
     from swashtwin.foundation import plural
 
     if fidelity is None:
-        say(f"fidelity: not known, for --like has no measured window of {label}")
+        print_text(f"fidelity: not known, for --like has no measured window of {label}")
         return
     at = ", ".join(f"{pressure / 1e6:.4g}" for pressure in fidelity.pressures)
     measured = f"{plural(fidelity.n_measured, 'measured window')} of {plural(fidelity.n_recordings, 'recording')}"
     measured += f" at {at} MPa" if at else ""
     if fidelity.auroc is None:
-        say(f"fidelity: {measured}; the AUROC takes two recordings of each")
+        print_text(f"fidelity: {measured}; the AUROC takes two recordings of each")
     else:
-        say(
+        print_text(
             f"fidelity: AUROC {fidelity.auroc:.2f} of telling them from {measured}; 0.5 is not at all"
         )
     if fidelity.causes_db:
         parts = ", ".join(f"{name} {value:.1f}" for name, value in fidelity.causes_db.items())
-        say(f"apart by cause [dB]: {parts}")
-    table(
+        print_text(f"apart by cause [dB]: {parts}")
+    print_table(
         "Features that tell them most",
         ("feature", "AUROC alone", "shift [std of measured]"),
         [

@@ -6,16 +6,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, require_files, say, table, tell
+from swashtwin.cli.console import (
+    print_note,
+    print_result,
+    print_table,
+    print_text,
+    progress,
+    require_existing,
+)
 from swashtwin.cli.files import Force, artifact_marks, require_output
 from swashtwin.cli.options import (
     GroupName,
     Index,
     Json,
+    OptionalWindow,
     Preset,
     PresetName,
     Seed,
-    UsualWindow,
     defaults_of,
     read_pairs,
     read_settings,
@@ -62,7 +69,7 @@ def train(
         ),
     ] = None,
     group: GroupName = "recording",
-    window: UsualWindow = None,
+    window: OptionalWindow = None,
     network: Annotated[
         str | None,
         typer.Option(
@@ -120,7 +127,7 @@ def train(
     )
 
     require_output(out, inputs=[source, *(add or ())], own=_MODELS, force=force)
-    require_files(add or [])
+    require_existing(add or [])
     recipe = {} if is_chosen else _recipe(network, settings, preset, window)
     added = [load_windows(path) for path in add or ()]
     recordings = load_recordings(source)
@@ -146,7 +153,7 @@ def train(
         name: fault for name, fault in declared_faults(source).items() if name in recordings.labels
     }
     for finding in healthy_class_findings(recordings.labels):
-        note(f"note: {finding.message}")
+        print_note(f"note: {finding.message}")
     classifier = FaultClassifier(
         **recipe,
         window=window,
@@ -172,7 +179,7 @@ def train(
     if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
     for text in classifier.notes_:
-        note(f"note: {text}")
+        print_note(f"note: {text}")
     _tell_training(classifier, source, out, seed, as_json)
 
 
@@ -212,16 +219,16 @@ def _tell_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> Non
     }  # fmt: skip
 
     def show() -> None:
-        say(
+        print_text(
             f"{out}: anomaly detector from {plural(healthy.n_recordings, 'healthy recording')} at "
             f"{plural(len(healthy.points), 'operating point')}, {n_levels} levels, false-alarm rate "
             f"{detector.error_rate_:g}"
         )
         for text in detector.notes_:
-            note(f"note: {text}")
-        say(f"Next: swashtwin diagnose {out} FILE")
+            print_note(f"note: {text}")
+        print_text(f"Next: swashtwin diagnose {out} FILE")
 
-    tell(result, as_json, show)
+    print_result(result, as_json, show)
 
 
 def _tell_training(
@@ -239,7 +246,7 @@ def _tell_training(
     }  # fmt: skip
 
     def show() -> None:
-        say(
+        print_text(
             f"{out}: {plural(trained.n_windows_, 'window')} of {len(fitted.classes)} classes, loss {last.loss:.4f}"
         )
         if (choice := fitted.choice) is not None:
@@ -257,25 +264,25 @@ def _tell_training(
             ]
             if rows:
                 folds = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"
-                table(
+                print_table(
                     f"Candidates: {folds}", ("candidate", "clean", "noise, gain, speed", ""), rows
                 )
-            say(choice.sentence())
+            print_text(choice.sentence())
         if confidence is None:
-            note(f"note: its confidence is not calibrated; {confidence_advice(fitted)}.")
+            print_note(f"note: its confidence is not calibrated; {confidence_advice(fitted)}.")
         else:
             learned = f"temperature {confidence.temperature:.3g}, dependence of windows {confidence.dependence:.2g}"
-            say(
+            print_text(
                 f"Confidence from {confidence.basis}: {learned}, error rate {confidence.error_rate:g}"
             )
         if test_ids:
-            say(
+            print_text(
                 f"Next, on {plural(len(test_ids), 'recording')} held out: swashtwin evaluate {out} {source}"
             )
         else:
-            note("note: nothing was held out; evaluate it on an index of other recordings.")
+            print_note("note: nothing was held out; evaluate it on an index of other recordings.")
 
-    tell(result, as_json, show)
+    print_result(result, as_json, show)
 
 
 def confidence_advice(fitted: "FittedClassifier") -> str:

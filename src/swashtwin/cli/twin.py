@@ -10,17 +10,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, note_merged, progress, say, table, tell
-from swashtwin.cli.files import as_folder
+from swashtwin.cli.console import (
+    print_merged_notes,
+    print_note,
+    print_result,
+    print_table,
+    print_text,
+    progress,
+)
+from swashtwin.cli.files import require_folder
 from swashtwin.cli.options import (
     CalibrationFile,
     Index,
     Json,
     Specimen,
-    as_index,
     fault_dimensions,
-    present,
-    read_words,
+    require_index,
+    split_names,
+    without_none,
 )
 from swashtwin.foundation import parse_quantity, plural
 
@@ -61,15 +68,15 @@ def plan_next(
     """
     from swashtwin.calibration import load_calibration, plan_recording
 
-    speed = [parse_quantity(part, "rad/s", name="--speeds") for part in read_words(speeds)]
-    pressure = [parse_quantity(part, "Pa", name="--pressures") for part in read_words(pressures)]
-    sets = [read_words(text) for text in sensors or ()]
+    speed = [parse_quantity(part, "rad/s", name="--speeds") for part in split_names(speeds)]
+    pressure = [parse_quantity(part, "Pa", name="--pressures") for part in split_names(pressures)]
+    sets = [split_names(text) for text in sensors or ()]
     calibrated = load_calibration(calibration)
     with progress("expected widths"):
         plan = plan_recording(
             calibrated, speeds=speed or None, pressures=pressure or None, sensors=sets or None
         )
-    tell({"calibration": calibration, **asdict(plan)}, as_json, lambda: _show_plan(plan))
+    print_result({"calibration": calibration, **asdict(plan)}, as_json, lambda: _show_plan(plan))
 
 
 _SHOWN = 10
@@ -93,18 +100,18 @@ def _show_plan(plan: "RecordingPlan") -> None:
             )
         )
     header = ("speed", "pressure", "length", "sensors", "width after", "narrower by", "most")
-    table(
+    print_table(
         f"What to record next; total ln width of the six intervals now {plan.total_width:.2f}",
         header,
         rows,
     )
     if plan.candidates[-1].total_width >= plan.total_width:
-        say(
+        print_text(
             "none: the twin errs there by more than a further recording can tell, so the intervals are no narrower."
         )
     more = len(plan.candidates) - len(rows)
     if more > 0:
-        say(f"{more} more, which narrow less: --json")
+        print_text(f"{more} more, which narrow less: --json")
 
 
 def new_pump(
@@ -135,7 +142,7 @@ def new_pump(
         typer.Option(help='Mass without oil, such as "21 kg"; that of catalogs by default.'),
     ] = None,
     out: Annotated[
-        Path, typer.Option(help="Folder where NAME.toml is written.", callback=as_folder)
+        Path, typer.Option(help="Folder where NAME.toml is written.", callback=require_folder)
     ] = Path(),
     as_json: Json = False,
 ) -> None:
@@ -155,7 +162,7 @@ def new_pump(
         plate = pump.read_nameplate(
             displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass
         )
-    elif stated := present(
+    elif stated := without_none(
         displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass
     ):
         missing = [
@@ -165,7 +172,7 @@ def new_pump(
         raise typer.BadParameter(reason, param_hint=f"--{next(iter(stated))}")
     path = pump.new_pump(name.removesuffix(".toml"), like=original, nameplate=plate, folder=out)
     next_step = f"{path}\nEdit it, then: swashtwin twin pump show {path} --effects. A twin is no better than its numbers."
-    tell({"pump": path}, as_json, lambda: say(next_step))
+    print_result({"pump": path}, as_json, lambda: print_text(next_step))
 
 
 def _effects(pump: "Pump") -> list[dict[str, Any]]:
@@ -232,8 +239,8 @@ def show_pump(
             (path, _in_trade_units(value, unit), pump.sources.get(path, ""))
             for path, value, unit in numbers
         ]
-        table(pump.name, ("parameter", "value", "source"), rows)
-        table(
+        print_table(pump.name, ("parameter", "value", "source"), rows)
+        print_table(
             "What follows",
             ("", "value"),
             [(words, _in_trade_units(value, unit)) for words, value, unit in derived],
@@ -244,13 +251,13 @@ def show_pump(
                 for item in result["effects"]
             ]
             header = ("parameter", "changed by", "line amplitudes change by", "source")
-            table(
+            print_table(
                 "What the vibration of the healthy pump depends on at its rated point",
                 header,
                 lines,
             )
 
-    tell(result, as_json, show)
+    print_result(result, as_json, show)
 
 
 def _derived(pump: "Pump") -> Iterator[tuple[str, float, str]]:
@@ -293,7 +300,7 @@ def severity(
         Path | None,
         typer.Option(
             help="Index of further healthy recordings; those of INDEX that are labeled normal always count.",
-            callback=as_index,
+            callback=require_index,
         ),
     ] = None,
     specimen: Specimen = None,
@@ -330,7 +337,7 @@ def severity(
     if specimen is not None and find_copies(
         healthy_calibration.recording_hashes, build_manifest(others)
     ):
-        note(
+        print_note(
             f"note: {calibration} is of machine {others[0].specimen}, these are of {specimen}: calibrate {specimen}."
         )
     sound: list[Recording] = []
@@ -353,7 +360,7 @@ def severity(
     with progress("searching severities"):
         trend = estimate_severity(healthy_calibration, worn, defect, healthy=sound, free=usual)
     result = {**trend.to_dict(), "healthy": [recording.recording_id for recording in sound]}
-    tell(result, as_json, lambda: _show_severity(trend, len(sound)))
+    print_result(result, as_json, lambda: _show_severity(trend, len(sound)))
 
 
 def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
@@ -382,13 +389,13 @@ def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
         "detection limit",
         "further dimensions",
     )
-    table(f"Severity of {type(trend.reference).__name__} by inversion", header, rows)
+    print_table(f"Severity of {type(trend.reference).__name__} by inversion", header, rows)
     notes = [
         f"{estimate.recording_id}: {text}"
         for estimate in trend.estimates
         for text in estimate.notes
     ]
     for text in (*trend.notes, *notes):
-        note(f"note: {text}")
-    note_merged(trend.left_out, "left out")
-    say(f"{plural(len(trend.estimates), 'recording')}, against {healthy} healthy ones")
+        print_note(f"note: {text}")
+    print_merged_notes(trend.left_out, "left out")
+    print_text(f"{plural(len(trend.estimates), 'recording')}, against {healthy} healthy ones")

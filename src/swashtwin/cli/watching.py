@@ -10,8 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from swashtwin.cli.console import note, require_files, say, table, tell
-from swashtwin.cli.files import Force, as_folder, require_output
+from swashtwin.cli.console import (
+    print_note,
+    print_result,
+    print_table,
+    print_text,
+    require_existing,
+)
+from swashtwin.cli.files import Force, require_folder, require_output
 from swashtwin.cli.options import Json
 
 if TYPE_CHECKING:
@@ -44,23 +50,25 @@ def run(
 
     def tell_outcome(outcome: "Outcome") -> None:
         machine = f"{outcome.machine}: " if outcome.machine else ""
-        (note if as_json else say)(f"{machine}{outcome.file}: {outcome.sentence}")
+        (print_note if as_json else print_text)(f"{machine}{outcome.file}: {outcome.sentence}")
 
     watch = load_watch_config(config)
     begin = f"watching {watch.path}; the page is at {watch.page.address}. Ctrl-C ends it."
     with stop_signals() as stop:
         status = run_watch(
-            watch, once=once, stop=stop, started=lambda _: note(begin), progress=tell_outcome
+            watch, once=once, stop=stop, started=lambda _: print_note(begin), progress=tell_outcome
         )
     counters = {name: round(value, 3) for name, value in status.counters.items()}
 
     def show() -> None:
         judged, rejected = int(counters["judged"]), int(counters["rejected"])
-        say(f"judged {judged}, filed with a reason {rejected}, waiting {status.waiting}.")
+        print_text(f"judged {judged}, filed with a reason {rejected}, waiting {status.waiting}.")
         for problem in status.problems:
-            note(f"note: {problem}")
+            print_note(f"note: {problem}")
 
-    tell({**counters, "waiting": status.waiting, "problems": list(status.problems)}, as_json, show)
+    print_result(
+        {**counters, "waiting": status.waiting, "problems": list(status.problems)}, as_json, show
+    )
 
 
 def init(
@@ -73,10 +81,10 @@ def init(
     from swashtwin.monitoring import write_example
 
     path = write_example(config)
-    tell(
+    print_result(
         {"config": path},
         as_json,
-        lambda: say(f"{path} is written; edit it, then: swashtwin watch {path}"),
+        lambda: print_text(f"{path} is written; edit it, then: swashtwin watch {path}"),
     )
 
 
@@ -121,10 +129,10 @@ def event(
     after = (
         f"what was found stands beside the suspect of its newest alarm; {after}" if found else after
     )
-    tell(
+    print_result(
         {"event": number, "machine": machine, "found": found or None},
         as_json,
-        lambda: say(f"{machine}: {after}."),
+        lambda: print_text(f"{machine}: {after}."),
     )
 
 
@@ -165,7 +173,7 @@ def user(
     words = "was removed from" if remove else "is in"
     lines = [f"{name} {words} {path}.", *([f"Token, shown this once: {secret}"] if secret else [])]
     result = {"name": name, "file": path, "token": secret or None}
-    tell(result, as_json, lambda: say("\n".join(lines)))
+    print_result(result, as_json, lambda: print_text("\n".join(lines)))
 
 
 _EXTRA = ("argon2", "fastapi", "prometheus_client", "python_multipart", "sqlalchemy", "uvicorn")
@@ -208,7 +216,7 @@ def export(
             metavar="CONFIG|URL", help="Configuration of the watch, or URL of its database."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the tables.", callback=as_folder)],
+    out: Annotated[Path, typer.Option(help="Folder for the tables.", callback=require_folder)],
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -227,16 +235,16 @@ def export(
         url, folder = config.history_url, config.folder
     history = History.open(url, folder, is_new=False)
     try:
-        counts = history.export(out, note)
+        counts = history.export(out, print_note)
     finally:
         history.close()
     rows = [(f"{name}.csv", count) for name, count in counts.items()]
 
     def show() -> None:
-        table("history", ("file", "rows"), rows)
-        say(f"Tables are in {out}.")
+        print_table("history", ("file", "rows"), rows)
+        print_text(f"Tables are in {out}.")
 
-    tell({"folder": str(out), "rows": counts}, as_json, show)
+    print_result({"folder": str(out), "rows": counts}, as_json, show)
 
 
 def explore(
@@ -260,10 +268,10 @@ def explore(
     require_extra("the explorer")
     from swashtwin.explorer import run_explorer
 
-    require_files([source, model])
+    require_existing([source, model])
 
     with stop_signals() as stop:
         run_explorer(
             source, model=model, port=port, stop=stop,
-            started=lambda address: note(f"exploring {source} at {address} . Ctrl-C ends it."),
+            started=lambda address: print_note(f"exploring {source} at {address} . Ctrl-C ends it."),
         )  # fmt: skip

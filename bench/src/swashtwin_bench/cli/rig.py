@@ -8,10 +8,10 @@ import typer
 from swashtwin.cli import (
     Json,
     Seed,
-    as_folder,
+    print_result,
+    print_text,
     progress,
-    say,
-    tell,
+    require_folder,
 )
 from swashtwin_bench.cli.studies import show_study, typed_command
 
@@ -23,7 +23,7 @@ def demo(
     out: Annotated[
         Path,
         typer.Option(
-            help="Folder for the rig, the model, the twin and the report.", callback=as_folder
+            help="Folder for the rig, the model, the twin and the report.", callback=require_folder
         ),
     ] = Path("swashtwin-demo"),
     as_json: Json = False,
@@ -46,7 +46,7 @@ def demo(
 
     def show() -> None:
         show_study(result.study)
-        say("")
+        print_text("")
         for text in (
             QUESTION,
             *answer_of_demo(result),
@@ -54,9 +54,9 @@ def demo(
             "",
             "Go on with:",
         ):
-            say(text)
+            print_text(text)
         for what, command in commands.items():
-            say(f"  {command}    ({what})")
+            print_text(f"  {command}    ({what})")
 
     answer = {
         **result.study.to_dict(), "report": result.page, "model": result.model, "twin": result.twin,
@@ -64,7 +64,7 @@ def demo(
         "with_twin": [verdict.to_dict() for verdict in result.with_twin],
         "without_twin": [verdict.to_dict() for verdict in result.without_twin], "next": list(commands.values()),
     }  # fmt: skip
-    tell(answer, as_json, show)
+    print_result(answer, as_json, show)
 
 
 def _next_commands(demo: "Demo") -> dict[str, str]:
@@ -118,4 +118,6 @@ def rig(
             out, seed=seed, size=size, version=version, sensors=sensor_count, progress=bar
         )
     result = {"index": index_file, "seed": seed, "size": size, "rig_version": version}
-    tell(result, as_json, lambda: say(f"{index_file}\nNext: swashtwin inspect {out}"))
+    print_result(
+        result, as_json, lambda: print_text(f"{index_file}\nNext: swashtwin inspect {out}")
+    )

@@ -12,15 +12,15 @@ import typer
 from swashtwin.cli import (
     Jobs,
     Json,
-    as_folder,
-    note,
+    print_note,
+    print_result,
+    print_table,
+    print_text,
     progress,
     read_list,
     read_pairs,
-    read_words,
-    say,
-    table,
-    tell,
+    require_folder,
+    split_names,
 )
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def study(
         Path | None,
         typer.Option(
             help="Folder of fleets and finished runs, which a re-run continues, and of STUDY/report.html.",
-            callback=as_folder,
+            callback=require_folder,
         ),
     ] = None,
     jobs: Jobs = 2,
@@ -132,14 +132,14 @@ def study(
         and device is Device.cpu
         and not _has_bfloat16_arithmetic()
     ):
-        note(
+        print_note(
             "This processor has no instructions for 16 bits: bfloat16 trains many times slower here than float32."
         )
     with progress(name) as bar:
 
         def show_activity(activity: str, count: int, total: int) -> None:
             if activity.endswith("done before"):
-                note(f"{activity}, in {out}")
+                print_note(f"{activity}, in {out}")
             bar(count, total, f"{name}: {activity}")
 
         work = Work(numbers, jobs, out, show_activity, device.value, typed_command())
@@ -148,10 +148,10 @@ def study(
         else:
             result = run_study(name, source, work=work, size=size.value, settings=pairs)
     if name == "paper":
-        tell(
+        print_result(
             answer,
             as_json,
-            lambda: say("\n".join([*answer["answer"], f"Report: {answer['report']}"])),
+            lambda: print_text("\n".join([*answer["answer"], f"Report: {answer['report']}"])),
         )
         return
     page = None if out is None else write_study_report(result, folder=out / result.study)
@@ -159,9 +159,9 @@ def study(
     def show() -> None:
         show_study(result)
         if page is not None:
-            say(f"Report: {page}")
+            print_text(f"Report: {page}")
 
-    tell({**result.to_dict(), "report": page}, as_json, show)
+    print_result({**result.to_dict(), "report": page}, as_json, show)
 
 
 def _run_paper(
@@ -172,7 +172,7 @@ def _run_paper(
     """
     from swashtwin_bench import EXPERIMENTS, paper_answer, run_paper, write_paper_page
 
-    experiments = read_words(settings.pop("experiments", None)) or list(EXPERIMENTS)
+    experiments = split_names(settings.pop("experiments", None)) or list(EXPERIMENTS)
     results = run_paper(work, size=size, experiments=experiments, settings=settings, source=source)
     assert work.out is not None
     page = write_paper_page(results, size, work.out / "paper")
@@ -207,6 +207,6 @@ def show_study(study: "StudyTable") -> None:
             ]
         )
     title = f"{study.title}; seed {', '.join(map(str, study.seeds))}, {study.wall_s:.0f} s"
-    table(title, (*study.factors, "seeds", *metrics.values()), rows)
+    print_table(title, (*study.factors, "seeds", *metrics.values()), rows)
     for text in (*study.answer, *study.notes, study.origin):
-        say(text)
+        print_text(text)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli import Json, as_folder, note, say, tell
+from swashtwin.cli import Json, print_note, print_result, print_text, require_folder
 
 if TYPE_CHECKING:
     from swashtwin.monitoring import Outcome
@@ -50,7 +50,7 @@ port = PORT
 
 def demo(
     out: Annotated[
-        Path, typer.Option(help="Folder for the watch and its history.", callback=as_folder)
+        Path, typer.Option(help="Folder for the watch and its history.", callback=require_folder)
     ] = Path("swashtwin-watch-demo"),
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8642,
     end: Annotated[
@@ -79,7 +79,9 @@ def demo(
     month = PlantCourse(recordings=RECORDINGS, kind="piston", onset=ONSET)
     course = (recording for recording, _ in plant_course(0, "A", month, batch=3))
     first = list(itertools.islice(course, _CALIBRATED))
-    note(f"Calibrating the pump's twin on its first {_CALIBRATED} recordings, for the severity.")
+    print_note(
+        f"Calibrating the pump's twin on its first {_CALIBRATED} recordings, for the severity."
+    )
     out.mkdir(parents=True, exist_ok=True)
     calibrate("25scy14-1b", first).save(out / "calibration.json")
     config = load_watch_config(write_text(out / "watch.toml", _CONFIG.replace("PORT", str(port))))
@@ -91,7 +93,7 @@ def demo(
     counts = {"judged": 0}
 
     def start(address: str | None) -> None:
-        note(f"The page is at {address}. Weeks pass in minutes; Ctrl-C ends.")
+        print_note(f"The page is at {address}. Weeks pass in minutes; Ctrl-C ends.")
         if address is not None and not end:
             webbrowser.open(address)
         writer.start()
@@ -102,7 +104,7 @@ def demo(
         if outcome.state == "alarm" and not alarms:
             alarms.append(number)
         day = f"day {(number - 1) // PER_DAY + 1}"
-        (note if as_json else say)(f"{day}, {outcome.file}: {outcome.sentence}")
+        (print_note if as_json else print_text)(f"{day}, {outcome.file}: {outcome.sentence}")
         if number == RECORDINGS:
             finished(stop)
 
@@ -110,7 +112,7 @@ def demo(
         if end:
             stop.set()
         else:
-            note(
+            print_note(
                 "All recordings are judged; the page stays until Ctrl-C. What was found beside the suspect: swashtwin "
                 f"watch event {config.path} rig-pump --found 'worn pistons'"
             )
@@ -124,10 +126,10 @@ def demo(
         "alarm": alarms[0] if alarms else None,
     }
     words = f"alarm at recording {alarms[0]}, " if alarms else "no alarm yet; "
-    tell(
+    print_result(
         result,
         as_json,
-        lambda: say(
+        lambda: print_text(
             f"{words}the pistons wear from recording {ONSET + 1} on. Everything is in {out}."
         ),
     )

@@ -39,7 +39,7 @@ calibration = st.calibrate(pump, healthy, seed=0)
 for estimate in calibration.estimates:
     low, high = estimate.interval
     print(
-        f"{estimate.letter:5} {estimate.value:9.3g} {estimate.unit:7} ({low:.2g} to {high:.2g})  {estimate.verdict}"
+        f"{estimate.symbol:5} {estimate.value:9.3g} {estimate.unit:7} ({low:.2g} to {high:.2g})  {estimate.verdict}"
     )
 for note in calibration.notes:
     print("-", note)
@@ -55,7 +55,7 @@ for row, estimate in enumerate(calibration.estimates):
         lw=6,
     )
     axes.plot(estimate.value / estimate.nominal, row, "k.")
-axes.set_yticks(range(6), [estimate.letter for estimate in calibration.estimates])
+axes.set_yticks(range(6), [estimate.symbol for estimate in calibration.estimates])
 axes.set(xscale="log", xlabel="value over nominal; bar: 90 % interval, blue where identified")
 axes.axvline(1, color="k", lw=0.5)
 plt.show()

@@ -47,7 +47,7 @@ def test_intervals_hold_the_truth_where_mounting_bearings_gains_and_cross_talk_a
     twin: Twin, calibration: Calibration
 ) -> None:
     for estimate, truth in zip(calibration.estimates, twin.values.tolist(), strict=True):
-        assert estimate.interval[0] <= truth <= estimate.interval[1], estimate.letter
+        assert estimate.interval[0] <= truth <= estimate.interval[1], estimate.symbol
     assert (
         calibration.estimate("C_v").verdict == calibration.estimate("C_Hz").verdict == "identified"
     )

@@ -11,7 +11,7 @@ import pytest
 from twin_recordings import SIX_VALUES, recording_of
 
 from swashtwin.calibration import GaussNewton, calibrate, measure
-from swashtwin.calibration.recording_checks import shown_speed
+from swashtwin.calibration.recording_checks import detect_speed
 from swashtwin.foundation import DataError, MPa, UnitError, um
 from swashtwin.physics import Twin
 from swashtwin.pump import CLASSES, OperatingCondition, PistonWear, Pump
@@ -19,7 +19,7 @@ from swashtwin.recordings import Recording
 from swashtwin_bench import rig_recordings
 from swashtwin_bench.rigs.writing import RigSize
 
-QUICK = GaussNewton(starts=1, most_iterations=2)
+QUICK = GaussNewton(starts=1, max_iterations=2)
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def test_no_class_and_no_pressure_of_the_rig_raises_a_false_alarm(rig: list[Reco
     assert {recording.label for recording in rig} == set(CLASSES)
     for recording in rig:
         assert recording.condition is not None
-        speed = shown_speed(recording, recording.condition.shaft_frequency, 7)
+        speed = detect_speed(recording, recording.condition.shaft_frequency, 7)
         assert not speed.contradicts, recording.recording_id
         assert speed.stated_contrast > 0.85 * speed.shown_contrast
         assert speed.shown == pytest.approx(speed.stated, rel=0.01)
@@ -136,7 +136,7 @@ def test_every_wrongly_stated_speed_is_detected_on_the_rig(
 ) -> None:
     for recording in rig[::3]:
         assert recording.condition is not None
-        speed = shown_speed(recording, factor * recording.condition.shaft_frequency, 7)
+        speed = detect_speed(recording, factor * recording.condition.shaft_frequency, 7)
         assert speed.contradicts, recording.recording_id
         assert speed.shown == pytest.approx(recording.condition.shaft_frequency, rel=0.01)
 
@@ -144,9 +144,9 @@ def test_every_wrongly_stated_speed_is_detected_on_the_rig(
 def test_lines_that_show_nothing_clearly_contradict_no_speed(recording: Recording) -> None:
     generator = np.random.default_rng(0)
     noise = replace(recording, signal=generator.standard_normal(recording.signal.shape))
-    assert not shown_speed(noise, 14.3, 7).contradicts
+    assert not detect_speed(noise, 14.3, 7).contradicts
     quiet = replace(recording, signal=recording.signal / recording.signal.std() + 30 * noise.signal)
-    assert not shown_speed(quiet, 7.0, 7).contradicts
+    assert not detect_speed(quiet, 7.0, 7).contradicts
 
 
 def test_a_speed_that_was_measured_along_is_believed(twin: Twin, recording: Recording) -> None:
@@ -215,8 +215,8 @@ def test_shaft_orders_are_compared_where_one_piston_differs(
     assert calibration.settings["lines"] == "shaft"
     assert calibration.fits[0].spectra.orders.tolist() == every.orders.tolist()
     assert (
-        calibration.fit_after.spectrum_value_error
-        < 0.5 * calibration.fit_before.spectrum_value_error
+        calibration.calibrated_agreement.spectrum_value_error
+        < 0.5 * calibration.nominal_agreement.spectrum_value_error
     )
 
 

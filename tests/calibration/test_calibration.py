@@ -30,7 +30,7 @@ PAPER = np.array([0.778 / 1.86, 1, 1, 1, 15.3 / 3.4, 1])
 def ratios(calibration: Calibration, factors: np.ndarray) -> dict[str, float]:
     """Found over true, by letter."""
     relative = {
-        estimate.letter: estimate.value / estimate.nominal for estimate in calibration.estimates
+        estimate.symbol: estimate.value / estimate.nominal for estimate in calibration.estimates
     }
     return {
         letter: ratio / factor
@@ -105,8 +105,8 @@ def test_pressures_that_are_fitted_together_share_one_set_of_values_and_tell_mor
     together = calibrate(twins, recordings, method=GaussNewton(starts=1), **SIX_VALUES)
     alone = calibrate(twin, recordings, method=GaussNewton(starts=1), **SIX_VALUES)
     assert together.recording_ids == ("rec-0", "rec-1", "rec-2")
-    assert together.left_out == ()
-    assert len(alone.left_out) == 2
+    assert together.excluded_recordings == ()
+    assert len(alone.excluded_recordings) == 2
     assert [fit.condition.discharge_pressure for fit in together.fits] == [MPa(15), MPa(10), MPa(5)]
     for letter in ("C_v", "K_v", "C_Hz", "K_Hz"):
         assert together.estimate(letter).log_std < alone.estimate(letter).log_std
@@ -210,7 +210,10 @@ def test_a_bending_housing_is_found_beside_the_values_and_kept_by_the_twin(twin:
     )
     assert aware.twin.path is not None
     assert aware.twin.path.frequency == pytest.approx(path.frequency, rel=0.02)
-    assert aware.fit_after.spectrum_value_error < blind.fit_after.spectrum_value_error / 5
+    assert (
+        aware.calibrated_agreement.spectrum_value_error
+        < blind.calibrated_agreement.spectrum_value_error / 5
+    )
     assert ratios(aware, DAMPER)["C_v"] == pytest.approx(1, abs=0.15)
     assert len(aware.posterior.point) == 6 + 3 + 2 + 2 + 6
 

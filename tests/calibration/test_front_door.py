@@ -13,7 +13,7 @@ from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.recordings import Recording
 from swashtwin.synthesis import synthesize
 
-QUICK = GaussNewton(starts=1, most_iterations=4)
+QUICK = GaussNewton(starts=1, max_iterations=4)
 
 
 def healthy_recording(
@@ -67,7 +67,7 @@ def test_recordings_are_grouped_by_operating_point_and_fitted_together(
     recordings: list[Recording],
 ) -> None:
     calibration = calibrate("25scy14-1b", recordings, method=QUICK, **SIX_VALUES)
-    assert calibration.left_out == ()
+    assert calibration.excluded_recordings == ()
     assert [len(fit.recording_ids) for fit in calibration.fits] == [2, 1]
     pressures = [fit.condition.discharge_pressure for fit in calibration.fits]
     assert pressures == pytest.approx([MPa(10.1), MPa(15)])
@@ -108,7 +108,7 @@ def test_recordings_without_a_condition_are_refused_with_the_way_to_give_it(
     ):
         calibrate("25scy14-1b", [unstated])
     calibration = calibrate("25scy14-1b", [unstated, recordings[1]], method=QUICK, **SIX_VALUES)
-    assert calibration.left_out == (
+    assert calibration.excluded_recordings == (
         ("unstated", "it lacks speed or pressure; add them to the index"),
     )
 

@@ -47,7 +47,7 @@ def recordings(pump: Pump, at_15: OperatingCondition) -> list[Recording]:
 
 @pytest.fixture(scope="module")
 def calibration(pump: Pump, recordings: list[Recording]) -> Calibration:
-    recipe = {"method": GaussNewton(starts=1), "nuisances": Nuisances.usual(), "phases": False}
+    recipe = {"method": GaussNewton(starts=1), "nuisances": Nuisances.typical(), "phases": False}
     return calibrate(pump, recordings, law=STATED, explain_misfit=False, **recipe)
 
 
@@ -100,8 +100,8 @@ def test_a_depth_that_the_recordings_do_not_tell_is_the_one_stated_where_noise_r
     unseen = replace(
         law, fault=replace(law.fault, depth=1e-7), estimates=(depth, *law.estimates[1:])
     )
-    assert unseen.floor_of(STATED) == pytest.approx(law.floor)
-    assert law.floor_of(law.fault) == pytest.approx(law.floor)
+    assert unseen.noise_factor_of(STATED) == pytest.approx(law.floor)
+    assert law.noise_factor_of(law.fault) == pytest.approx(law.floor)
 
 
 def test_windows_say_that_no_recording_told_how_slippers_follow(

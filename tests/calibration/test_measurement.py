@@ -55,7 +55,12 @@ def test_only_recordings_of_the_twins_label_speed_and_pressure_are_used(
     )
     measurement = measure(twin, [*others, near, recording])
     assert measurement.recording_ids == ("near", "rec-1")
-    assert [name for name, _ in measurement.left_out] == ["10 MPa", "fast", "normal", "unknown"]
+    assert [name for name, _ in measurement.excluded_recordings] == [
+        "10 MPa",
+        "fast",
+        "normal",
+        "unknown",
+    ]
 
 
 def test_one_channel_is_enough_but_must_be_the_same_in_all(

@@ -13,8 +13,8 @@ from swashtwin.calibration import (
     GaussNewton,
     Nuisances,
     Objective,
+    build_objective,
     measure,
-    objective_of,
 )
 from swashtwin.physics import Twin
 
@@ -28,13 +28,13 @@ each_method = pytest.mark.parametrize("method", QUICK.values(), ids=QUICK)
 
 @pytest.fixture(scope="module")
 def objective(twin: Twin) -> Objective:
-    return objective_of(twin, measure(twin, [recording_of(twin)]))
+    return build_objective(twin, measure(twin, [recording_of(twin)]))
 
 
 @pytest.fixture(scope="module")
 def constants(twin: Twin) -> Objective:
     """The same, with constants beside the six values."""
-    return objective_of(twin, measure(twin, [recording_of(twin)]), None, Nuisances.usual())
+    return build_objective(twin, measure(twin, [recording_of(twin)]), None, Nuisances.typical())
 
 
 @each_method
@@ -53,7 +53,7 @@ def test_the_step_of_least_loss_is_kept(objective: Objective, method: Calibrator
             np.square((search.point - unknowns.center) / unknowns.deviation).sum()
             / objective.measured.numel()
         )
-        assert history.least_loss == pytest.approx(np.sqrt(weighted.item() ** 2 + away))
+        assert history.min_loss == pytest.approx(np.sqrt(weighted.item() ** 2 + away))
     assert len(history.gradient_norm) == len(history.loss)
     assert (history.gradient_norm > 0).all()
 

@@ -12,13 +12,18 @@ from swashtwin.calibration import (
     Calibration,
     GaussNewton,
     Nuisances,
+    build_objective,
     calibrate,
     is_warning,
     measure,
-    objective_of,
 )
 from swashtwin.calibration.misfit_hypotheses import misfit_hypotheses
-from swashtwin.calibration.posterior import MISFIT, estimates_of, misfit_of, posterior_covariance
+from swashtwin.calibration.posterior import (
+    MISFIT,
+    build_estimates,
+    compute_misfit,
+    posterior_covariance,
+)
 from swashtwin.foundation import MPa, random_stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
@@ -142,18 +147,18 @@ def test_a_direction_of_the_mounting_that_was_not_searched_is_named(
 
 
 def test_a_misfit_that_no_mistake_explains_leaves_no_value_identified(twin: Twin) -> None:
-    objective = objective_of(twin, measure(twin, [recording_of(twin, np.ones(6))]))
+    objective = build_objective(twin, measure(twin, [recording_of(twin, np.ones(6))]))
     start = objective.unknowns.start
     covariance = posterior_covariance(objective, start)
     assert "identified" in [
-        estimate.verdict for estimate in estimates_of(objective, start, covariance)
+        estimate.verdict for estimate in build_estimates(objective, start, covariance)
     ]
     factor = np.exp(0.5 * random_stream(0, "misfit").standard_normal(len(objective.measured)))
     scattered = with_amplitudes(objective, objective.measured.numpy() * factor)
-    assert misfit_of(scattered, start) > MISFIT
+    assert compute_misfit(scattered, start) > MISFIT
     assert "identified" not in [
-        estimate.verdict for estimate in estimates_of(scattered, start, covariance)
+        estimate.verdict for estimate in build_estimates(scattered, start, covariance)
     ]
     point = QUICK.search(scattered, seed=0).point
-    assert (misfit := misfit_of(scattered, point)) > MISFIT
+    assert (misfit := compute_misfit(scattered, point)) > MISFIT
     assert misfit_hypotheses(scattered, misfit) == ()

@@ -73,7 +73,7 @@ def test_the_width_that_was_foretold_comes_true(
     assert foretold.total_width < total_width(calibration.estimates) - 1
     assert foretold.total_width == pytest.approx(total_width(after.estimates), abs=0.15)
     assert foretold.duration == pytest.approx(1.3)
-    assert all(factor >= 1 - 1e-3 for factor in foretold.narrower.values())
+    assert all(factor >= 1 - 1e-3 for factor in foretold.narrowing_factors.values())
 
 
 def test_a_sensor_elsewhere_is_foretold_and_calibrated_with_the_others(

@@ -5,15 +5,15 @@ import pytest
 import torch
 from torch import Tensor
 
-from swashtwin.calibration import Nuisances, Objective, objective_of
+from swashtwin.calibration import Nuisances, Objective, build_objective
 from swashtwin.calibration.measurement import Measurement
 from swashtwin.calibration.posterior import posterior_covariance
-from swashtwin.calibration.unknowns import search_space
+from swashtwin.calibration.unknowns import build_search_space
 from swashtwin.foundation import InputError, mm
 from swashtwin.physics import RK4, HarmonicBalance, SteadySolver, Twin
 from swashtwin.pump import PARAMETERS, Interfaces, OperatingCondition, Pump, SwashPlateDefect
 
-NONE, USUAL = Nuisances(), Nuisances.usual()
+NONE, USUAL = Nuisances(), Nuisances.typical()
 DEFECT = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6))
 
 
@@ -27,10 +27,10 @@ def ideal_objective(twin: Twin, bounds: float = 10.0, nuisances: Nuisances = NON
         amplitude=lines,
         deviation=np.zeros_like(lines),
         recordings=(),
-        left_out=(),
+        excluded_recordings=(),
         band=(0.0, twin.bandwidth),
     )
-    return objective_of(twin, measurement, bounds, nuisances)
+    return build_objective(twin, measurement, bounds, nuisances)
 
 
 def point_at(objective: Objective, values: Tensor) -> Tensor:
@@ -66,7 +66,7 @@ def test_the_spectrum_losses_have_exact_gradients(
 
 
 @pytest.mark.parametrize(
-    "nuisances", [Nuisances.usual(), Nuisances.housing()], ids=["usual", "housing"]
+    "nuisances", [Nuisances.typical(), Nuisances.housing()], ids=["usual", "housing"]
 )
 def test_the_sensitivities_are_those_of_central_differences(
     twin: Twin, nuisances: Nuisances
@@ -133,7 +133,7 @@ def test_the_deviations_are_those_of_the_physics_notes(
 
 
 def test_the_boundary_loss_is_zero_within_the_bounds_and_grows_beyond(twin: Twin) -> None:
-    space = search_space(twin)
+    space = build_search_space(twin)
     assert space.boundary_loss(twin.values * 9.9).item() == 0
     beyond = twin.values
     beyond[2] *= 15
@@ -144,9 +144,9 @@ def test_the_boundary_loss_is_zero_within_the_bounds_and_grows_beyond(twin: Twin
 
 def test_bounds_are_given_as_a_factor_or_by_name_or_letter(twin: Twin) -> None:
     nominal = twin.values.numpy()
-    np.testing.assert_allclose(search_space(twin).upper, 10 * nominal)
-    np.testing.assert_allclose(search_space(twin, 3.0).lower, nominal / 3)
-    named = search_space(twin, {"C_sw": (5e5, 5e6), PARAMETERS[3]: (1e8, 2e8)})
+    np.testing.assert_allclose(build_search_space(twin).upper, 10 * nominal)
+    np.testing.assert_allclose(build_search_space(twin, 3.0).lower, nominal / 3)
+    named = build_search_space(twin, {"C_sw": (5e5, 5e6), PARAMETERS[3]: (1e8, 2e8)})
     assert (named.lower[0], named.upper[0], named.lower[3], named.upper[3]) == (5e5, 5e6, 1e8, 2e8)
     assert named.upper[1] == pytest.approx(10 * nominal[1])
 
@@ -162,4 +162,4 @@ def test_bounds_are_given_as_a_factor_or_by_name_or_letter(twin: Twin) -> None:
 )
 def test_impossible_bounds_are_refused(twin: Twin, bounds: float | dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        search_space(twin, bounds)
+        build_search_space(twin, bounds)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure, objective_of
+from swashtwin.calibration import GaussNewton, Nuisances, build_objective, calibrate, measure
 from swashtwin.calibration.measurement import best_position, combine_lines, phased_lines
 from swashtwin.foundation import DataError, mm, random_stream
 from swashtwin.physics import Twin
@@ -101,7 +101,9 @@ def test_phases_make_the_values_more_certain_and_find_them(nominal, true):
         assert phased.log_std < plain.log_std
         assert phased.interval[0] <= value_of(true, name) <= phased.interval[1]
     assert calibrations[1].settings["phases"] is True
-    assert calibrations[1].fit_after.rmse < 1.05 * calibrations[0].fit_after.rmse
+    assert (
+        calibrations[1].calibrated_agreement.rmse < 1.05 * calibrations[0].calibrated_agreement.rmse
+    )
 
 
 def value_of(twin: Twin, letter: str) -> float:
@@ -110,7 +112,7 @@ def value_of(twin: Twin, letter: str) -> float:
 
 
 def test_observables_with_phases_have_exact_derivatives(nominal, true):
-    objective = objective_of(
+    objective = build_objective(
         nominal, measure(nominal, [recorded(true)], phases=True), None, Nuisances.housing()
     )
     point = objective.start

@@ -12,16 +12,16 @@ from swashtwin.calibration import (
     Nuisances,
     Objective,
     Posterior,
+    build_objective,
     calibrate,
     measure,
-    objective_of,
 )
 from swashtwin.calibration.discrepancy import (
     estimate_discrepancy,
     linearize,
     noise_covariance,
 )
-from swashtwin.calibration.posterior import estimates_of, posterior_covariance, sandwich
+from swashtwin.calibration.posterior import build_estimates, posterior_covariance, sandwich
 from swashtwin.foundation import InputError, random_stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import Interfaces
@@ -37,7 +37,7 @@ def objective_for(
     """Objective of calibrating `assumed` on a noisy recording (30 dB) of `true`."""
     recording = true.simulate(1.3, 6400.0, phase=1.0, recording_id="rec")
     recording = replace(recording, signal=add_noise(recording.signal, 30, 0))
-    return objective_of(assumed, measure(assumed, [recording], (0, band)), None, nuisances)
+    return build_objective(assumed, measure(assumed, [recording], (0, band)), None, nuisances)
 
 
 def solution(objective: Objective) -> np.ndarray:
@@ -79,7 +79,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(twin: Twin, thick: Twin, 
         noisy = with_amplitudes(objective, np.abs(clean.measured.numpy() + noise))
         point = GaussNewton(starts=1).search(noisy, seed=0).point
         for estimate, true in zip(
-            estimates_of(noisy, point, posterior_covariance(noisy, point)), truth, strict=False
+            build_estimates(noisy, point, posterior_covariance(noisy, point)), truth, strict=False
         ):
             if estimate.verdict == "identified":
                 low, high = np.log(estimate.interval)
@@ -94,12 +94,12 @@ def test_the_slippers_stiffness_is_identified_under_a_thick_film_only(
 ) -> None:
     assert thick.values[0] <= 1e5
     assert (
-        estimates_of(objective, point, posterior_covariance(objective, point))[1].verdict
+        build_estimates(objective, point, posterior_covariance(objective, point))[1].verdict
         == "not identified"
     )
     other = objective_for(thick, thick)
     assert (
-        estimates_of(other, solution(other), posterior_covariance(other, solution(other)))[
+        build_estimates(other, solution(other), posterior_covariance(other, solution(other)))[
             1
         ].verdict
         == "identified"
@@ -145,7 +145,7 @@ def test_the_covariance_is_that_of_estimates_under_the_noise_it_names(
 def test_an_interval_always_holds_its_value(objective: Objective, share: float, std: float) -> None:
     unknowns = objective.unknowns
     point = unknowns.lower + share * (unknowns.upper - unknowns.lower)
-    for estimate in estimates_of(objective, point, np.eye(6) * std**2):
+    for estimate in build_estimates(objective, point, np.eye(6) * std**2):
         assert estimate.interval[0] <= estimate.value * (1 + 1e-12)
         assert estimate.value <= estimate.interval[1] * (1 + 1e-12)
         assert estimate.open_sides[0] == (estimate.interval[0] <= estimate.bounds[0] * (1 + 1e-9))
@@ -157,13 +157,13 @@ def test_an_interval_always_holds_its_value(objective: Objective, share: float, 
 
 def test_a_one_sided_interval_is_said_to_be_one(objective: Objective) -> None:
     unknowns = objective.unknowns
-    on_top = estimates_of(objective, unknowns.upper, np.eye(6) * 0.01)[0]
+    on_top = build_estimates(objective, unknowns.upper, np.eye(6) * 0.01)[0]
     assert on_top.verdict == "at bound"
     assert on_top.open_sides == (False, True)
     assert describe_interval(on_top).startswith("at least ")
     middle = (unknowns.lower + unknowns.upper) / 2
-    assert " to " in describe_interval(estimates_of(objective, middle, np.eye(6) * 0.01)[0])
-    assert describe_interval(estimates_of(objective, middle, np.eye(6) * 400)[0]) != "at least"
+    assert " to " in describe_interval(build_estimates(objective, middle, np.eye(6) * 0.01)[0])
+    assert describe_interval(build_estimates(objective, middle, np.eye(6) * 400)[0]) != "at least"
 
 
 def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that_is_wrong(
@@ -172,7 +172,7 @@ def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that
     true = replace(twin, scales=Scales(mount=1.2))
     recording = true.simulate(1.3, 6400.0, recording_id="rec")
     calibration = calibrate(twin, [recording], method=GaussNewton(starts=1), **SIX_VALUES)
-    point = solution(objective_of(twin, measure(twin, [recording])))
+    point = solution(build_objective(twin, measure(twin, [recording])))
     np.testing.assert_array_equal(calibration.posterior.point, point)  # the intervals move no value
     assert any("miss the measured ones" in note for note in calibration.notes)
     for estimate, value in zip(calibration.estimates, twin.values.tolist(), strict=True):

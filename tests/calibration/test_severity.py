@@ -77,7 +77,7 @@ def calibration(pump: Pump, at_15: OperatingCondition, healthy: list[Recording])
         Twin(pump, at_15),
         healthy,
         method=method,
-        nuisances=Nuisances.usual(),
+        nuisances=Nuisances.typical(),
         band=(0, 1000),
         phases=False,
     )
@@ -140,7 +140,7 @@ def test_a_port_that_opens_early_does_not_hide_an_advance(
         Twin(pump, at_15),
         [healthy],
         method=GaussNewton(starts=1),
-        nuisances=Nuisances.usual(),
+        nuisances=Nuisances.typical(),
         band=(0, 1000),
     )
 
@@ -161,7 +161,7 @@ def test_a_label_in_other_words_is_that_of_the_fault(
     calibration: Calibration, record: Record
 ) -> None:
     worn = record(PistonWear(um(45)), "worn").replace(label="Kolbenverschleiss")
-    assert estimate_severity(calibration, [worn], PistonWear(um(60))).left_out == ()
+    assert estimate_severity(calibration, [worn], PistonWear(um(60))).excluded_recordings == ()
     with pytest.raises(DataError, match="label is Kolbenverschleiss, the fault's swash_plate"):
         estimate_severity(calibration, [worn], LONG)
 

@@ -29,7 +29,7 @@ def test_a_truth_beyond_the_tenfold_bounds_is_found_and_said_to_lie_there(
 ) -> None:
     calibration = calibrate(twin, [thick], method=QUICK)
     for estimate, truth in zip(calibration.estimates, twin.values.numpy() * THICK, strict=True):
-        assert estimate.interval[0] <= truth <= estimate.interval[1], estimate.letter
+        assert estimate.interval[0] <= truth <= estimate.interval[1], estimate.symbol
     estimate = calibration.estimate("C_sw")
     assert estimate.verdict == "identified"
     assert estimate.bounds == pytest.approx((1.86e4, 1.86e8))

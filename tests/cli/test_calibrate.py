@@ -40,7 +40,7 @@ def test_several_pressures_are_fitted_together_and_windows_take_turns_among_them
 ) -> None:
     both, out = tmp_path / "both.json", tmp_path / "windows.safetensors"
     points = (*AT_15, "--pressure", "10 MPa", "--specimen", "A")
-    quick = ("--set", "starts=1", "--set", "phases=false", "--set", "nuisances=usual")
+    quick = ("--set", "starts=1", "--set", "phases=false", "--set", "nuisances=typical")
     run_json("calibrate", rig, *points, *DEFECT, *quick, "--out", both)
     assert [fit.condition.discharge_pressure for fit in load_calibration(both).fits] == [
         MPa(15),
@@ -126,7 +126,7 @@ def test_ipinn_takes_its_settings_and_the_page_says_which_combinations_are_known
     [
         (("--set", "learning_rate=0.1"), "--method gauss-newton has no setting 'learning_rate'."),
         (("--preset", "paper", "--set", "starts=2"), "--method ipinn has no setting 'starts'."),
-        (("--set", "nuisances=all"), "must be none, usual, housing, by-axis"),
+        (("--set", "nuisances=all"), "must be none, typical, housing, by-axis"),
     ],
 )
 def test_an_option_that_the_method_does_not_take_is_a_wrong_command_line(

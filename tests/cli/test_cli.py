@@ -61,7 +61,8 @@ def test_calibrate_uses_the_training_side_only_and_saves_what_it_tells(
         estimate.value for estimate in saved.estimates
     ]
     assert (
-        answer["fit_after"]["spectrum_value_error"] < answer["fit_before"]["spectrum_value_error"]
+        answer["calibrated_agreement"]["spectrum_value_error"]
+        < answer["nominal_agreement"]["spectrum_value_error"]
     )
     assert "[interfaces.block_valve]" in Path(answer["interfaces"]).read_text(encoding="utf-8")
 

@@ -35,7 +35,7 @@ from swashtwin_bench.studies.runner import study_of
 def calibration(pump, at_15) -> Calibration:
     twin = Twin(pump, at_15, SwashPlateDefect(depth=mm(0.08), length=mm(30), width=mm(24)))
     recordings = [r for r, _ in rig_recordings(0, RigSize(1, 1, 1.5), labels=["swash_plate"])]
-    method = GaussNewton(starts=1, most_iterations=8)
+    method = GaussNewton(starts=1, max_iterations=8)
     return calibrate(
         twin, recordings, method=method, nuisances=Nuisances(), phases=False, explain_misfit=False
     )
@@ -168,10 +168,12 @@ def test_the_answer_of_a_calibration_names_each_operating_point_and_what_became_
     assert "(860 rev/min, 10 and 15 MPa, " in " ".join(
         summarize_calibration(replace(calibration, fits=(at_10, fit)))
     )
-    worse = replace(calibration.fit_before, rmse=2 * calibration.fit_before.rmse)
+    worse = replace(calibration.nominal_agreement, rmse=2 * calibration.nominal_agreement.rmse)
     answer = " ".join(
         summarize_calibration(
-            replace(calibration, fits=(replace(fit, before=calibration.fit_before, after=worse),))
+            replace(
+                calibration, fits=(replace(fit, before=calibration.nominal_agreement, after=worse),)
+            )
         )
     )
     assert all(

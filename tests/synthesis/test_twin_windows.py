@@ -7,7 +7,7 @@ import pytest
 from twin_recordings import SIX_VALUES, recording_of
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, Posterior, calibrate
-from swashtwin.calibration.unknowns import Unknowns, search_space
+from swashtwin.calibration.unknowns import Unknowns, build_search_space
 from swashtwin.foundation import InputError, MPa, derive_seed, mm, random_stream, rpm, um
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
@@ -182,7 +182,7 @@ def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pum
 def posterior(twin: Twin) -> Posterior:
     """All six values within 20 %, the mounting and the sensors within their priors."""
     unknowns = Unknowns(
-        search_space(twin), Nuisances.usual(gains=0.1), twin.pump.channels, np.zeros(11)
+        build_search_space(twin), Nuisances.typical(gains=0.1), twin.pump.channels, np.zeros(11)
     )
     deviation = np.where(np.arange(len(unknowns)) < 6, 0.2, unknowns.deviation)
     return Posterior(unknowns, unknowns.start, np.diag(deviation**2))
@@ -226,9 +226,7 @@ def calibration(pump: Pump) -> Calibration:
         )
         for number, condition in enumerate(points)
     ]
-    return calibrate(
-        pump, recordings, method=GaussNewton(starts=1, most_iterations=4), **SIX_VALUES
-    )
+    return calibrate(pump, recordings, method=GaussNewton(starts=1, max_iterations=4), **SIX_VALUES)
 
 
 def test_a_calibration_and_a_fault_are_enough(

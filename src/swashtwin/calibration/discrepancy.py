@@ -51,7 +51,7 @@ alone does so in a tenth of all cases.
 """
 SHARES = (1e-4, 5.0)
 """Within which shares are sought."""
-CONSTANTS = Nuisances.usual()
+CONSTANTS = Nuisances.typical()
 """Priors of the constants, where they are not searched."""
 COMMON = ("mount", "bearing", "excitation", "sensor")
 """Constants that count as uncertain even where they are not searched."""

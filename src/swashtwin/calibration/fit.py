@@ -165,7 +165,7 @@ def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: P
     return Fit(condition, measurement.recording_ids, before, after, spectra, waveforms, duration)
 
 
-def mean_agreement(agreements: Sequence[Agreement]) -> Agreement:
+def average_agreements(agreements: Sequence[Agreement]) -> Agreement:
     """Mean of each figure."""
     names = [item.name for item in fields(Agreement)]
     return Agreement(
@@ -188,10 +188,10 @@ def agreement(
     rows = [twin.pump.channels.index(name) for name in measurement.channels]
     with torch.no_grad():
         lines = twin.acceleration().numpy()[rows]
-    return agreement_of_lines(measurement, lines, twin.orders, amplitude)
+    return evaluate_line_agreement(measurement, lines, twin.orders, amplitude)
 
 
-def agreement_of_lines(
+def evaluate_line_agreement(
     measurement: Measurement,
     lines: Complex[np.ndarray, "channel line"],
     orders: Int[np.ndarray, " line"],

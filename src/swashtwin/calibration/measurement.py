@@ -72,7 +72,7 @@ class Measurement:
     """
     recordings: tuple[Recording, ...]
     """What was measured."""
-    left_out: tuple[tuple[str, str], ...]
+    excluded_recordings: tuple[tuple[str, str], ...]
     """Id of each recording that does not agree with the twin, and why."""
     band: tuple[float, float]
     """Frequencies [Hz] within which the orders lie."""
@@ -124,7 +124,7 @@ def measure(
         The band holds no such line, or the twin has none but piston-pass lines although all shaft
         orders are requested.
     """
-    used, left_out = select_agreeing(twin, recordings)
+    used, excluded_recordings = select_agreeing(twin, recordings)
     count, notes = twin.pump.rotating_group.piston_count, []
     for recording in used:
         require_usable(recording)
@@ -158,7 +158,7 @@ def measure(
         amplitude=amplitudes.mean(axis=0),
         deviation=np.maximum(within, between),
         recordings=tuple(used),
-        left_out=tuple(left_out),
+        excluded_recordings=tuple(excluded_recordings),
         band=(float(band[0]), float(band[1])),
         lines=lines,
         notes=(*(note for note in notes if note is not None), *level_notes(used, amplitudes)),
@@ -167,7 +167,7 @@ def measure(
     )
 
 
-def place_single_channels(
+def assign_single_channels(
     recordings: Iterable[Recording], pump: Pump
 ) -> tuple[list[Recording], tuple[str, ...]]:
     """Recordings of one channel that is none of the pump's sensors, as of its first sensor; and the
@@ -192,15 +192,15 @@ def select_agreeing(
 
     Where none is left, a `DataError` names both numbers that differ.
     """
-    used, left_out = [], []
+    used, excluded_recordings = [], []
     for recording in recordings:
         reason = _disagreement(twin, recording)
         if reason is None:
             used.append(recording)
         else:
-            left_out.append((recording.recording_id, reason))
+            excluded_recordings.append((recording.recording_id, reason))
     if not used:
-        counts = Counter(reason for _, reason in left_out)
+        counts = Counter(reason for _, reason in excluded_recordings)
         reasons = (
             "; ".join(f"{count} times {reason}" for reason, count in counts.most_common(4))
             or "none was given"
@@ -209,7 +209,7 @@ def select_agreeing(
             f"no recording agrees with the twin ({reasons}); give others, or a twin of their class, speed and pressure "
             "(--fault, --speed, --pressure)."
         )
-    return used, left_out
+    return used, excluded_recordings
 
 
 def _disagreement(twin: Twin, recording: Recording) -> str | None:

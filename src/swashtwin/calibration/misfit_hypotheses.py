@@ -23,7 +23,7 @@ import torch
 from jaxtyping import Float
 
 from swashtwin.calibration.measurement import GRAVITY
-from swashtwin.calibration.posterior import LARGE, is_in_doubt, misfit_of
+from swashtwin.calibration.posterior import LARGE, compute_misfit, is_in_doubt
 from swashtwin.calibration.search import GaussNewton
 from swashtwin.calibration.spectrum_objective import Objective
 from swashtwin.calibration.unknowns import SCALES, Nuisances
@@ -62,7 +62,7 @@ NAMES = {
 PRESSURES = (0.8, 0.9, 1.1, 1.25)
 """Factors on the stated discharge pressure that are tried."""
 IN_G = ": in g?"
-_REFIT = GaussNewton(starts=1, most_iterations=8)
+_REFIT = GaussNewton(starts=1, max_iterations=8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +90,13 @@ def suspected_mistakes(
     """`misfit_hypotheses` at the point found, where its misfit is `LARGE` or the fit is in
     doubt.
     """
-    misfit = misfit_of(objective, point)
+    misfit = compute_misfit(objective, point)
     is_odd = misfit > LARGE or is_in_doubt(objective.unknowns, point, misfit)
     return misfit_hypotheses(objective, misfit) if is_odd else ()
 
 
 def misfit_hypotheses(objective: Objective, misfit: float) -> tuple[MisfitHypothesis, ...]:
-    """Mistakes that would explain a misfit (`misfit_of`), the likeliest first; none where no single
+    """Mistakes that would explain a misfit (`compute_misfit`), the likeliest first; none where no single
     one does.
     """
     count = objective.measured.numel()
@@ -181,7 +181,7 @@ def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypoth
             if n.startswith(prefix) and abs(x) > 0.1
         }
         words = [
-            f"{words_of_constant(name)} is {np.exp(off):.2g} times the twin's"
+            f"{describe_constant(name)} is {np.exp(off):.2g} times the twin's"
             for name, off in offs.items()
         ]
         if words:
@@ -190,7 +190,7 @@ def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypoth
             )
 
 
-def words_of_constant(name: str) -> str:
+def describe_constant(name: str) -> str:
     """What a constant that is searched is called, by its name among the coordinates."""
     kind, _, rest = name.partition("_")
     if name in NAMES:

@@ -66,7 +66,7 @@ class CandidateRecording:
     """Sensors."""
     total_width: float
     """Expected sum over the six values of ln(greatest / least) of the 90 % interval."""
-    narrower: Mapping[str, float]
+    narrowing_factors: Mapping[str, float]
     """By what factor each value's ln interval is expected to shrink, by letter."""
 
 
@@ -159,8 +159,8 @@ def plan_recording(
                 duration=forecast.duration,
                 channels=channels,
                 total_width=total_width(estimates),
-                narrower={
-                    old.letter: total_width([old]) / total_width([new]) for old, new in pairs
+                narrowing_factors={
+                    old.symbol: total_width([old]) / total_width([new]) for old, new in pairs
                 },
             )
             rows.append(candidate)
@@ -326,7 +326,7 @@ class _Forecast:
             amplitude=amplitude,
             deviation=part.deviation,
             recordings=(),
-            left_out=(),
+            excluded_recordings=(),
             band=tuple(settings["band"]),
             lines=settings["lines"],
         )

@@ -57,7 +57,7 @@ class Estimate:
 
     name: str
     """Name as in `pump.PARAMETERS`."""
-    letter: str
+    symbol: str
     """The paper's letter."""
     unit: str
     """Unit of the values."""
@@ -80,13 +80,13 @@ class Estimate:
     identified``: the measurement hardly says more than the prior (the bounds, or the population of
     its type); ``at
     bound``: a bound stopped the search, often because a constant is wrong."""
-    traded_with: str | None = None
+    correlated_with: str | None = None
     """Letter of the value that can be changed along with it at almost the same spectrum
     (correlation above 0.9).
     """
 
     @property
-    def is_told(self) -> bool:
+    def is_constrained(self) -> bool:
         """Whether the measurement says more of the value than was known before."""
         return self.verdict in ("identified", "weak")
 
@@ -140,7 +140,7 @@ def sandwich(
     return covariance * np.outer(excess, excess)
 
 
-def estimates_of(
+def build_estimates(
     objective: Objective,
     point: Float[np.ndarray, " unknown"],
     covariance: Float[np.ndarray, "unknown unknown"],
@@ -148,7 +148,7 @@ def estimates_of(
     """Each of the six values with its interval and verdict."""
     space, in_doubt = (
         objective.unknowns.space,
-        is_in_doubt(objective.unknowns, point, misfit_of(objective, point)),
+        is_in_doubt(objective.unknowns, point, compute_misfit(objective, point)),
     )
     values, covariance, prior_std = (
         np.exp(point[VALUES]),
@@ -169,7 +169,7 @@ def estimates_of(
             prior_std=float(prior_std[i]),
             bounds=(float(space.lower[i]), float(space.upper[i])),
             in_doubt=in_doubt,
-            traded_with=PARAMETER_SYMBOLS[PARAMETERS[partners[i]]]
+            correlated_with=PARAMETER_SYMBOLS[PARAMETERS[partners[i]]]
             if correlation[i, partners[i]] > 0.9
             else None,
         )
@@ -188,7 +188,7 @@ def estimated(
     prior_std: float,
     bounds: tuple[float, float],
     in_doubt: bool,
-    traded_with: str | None = None,
+    correlated_with: str | None = None,
 ) -> Estimate:
     """Estimate of a value whose logarithm had `prior_std` before, with its interval and verdict."""
     low, high = np.log(bounds)
@@ -199,7 +199,7 @@ def estimated(
         verdict = "not identified"
     interval = interval_around(value, log_std, bounds)
     return Estimate(
-        name, letter, unit, nominal, value, log_std, interval, bounds, verdict, traded_with
+        name, letter, unit, nominal, value, log_std, interval, bounds, verdict, correlated_with
     )
 
 
@@ -240,7 +240,7 @@ def strained_constants(unknowns: Unknowns, point: Float[np.ndarray, " unknown"])
     return tuple(unknowns.names[i] for i in order)
 
 
-def misfit_of(objective: Objective, point: Float[np.ndarray, " unknown"]) -> float:
+def compute_misfit(objective: Objective, point: Float[np.ndarray, " unknown"]) -> float:
     """RMS of the missed lines, in what was expected of them."""
     with torch.no_grad():
         return float(objective.weighted_loss(torch.as_tensor(point)))

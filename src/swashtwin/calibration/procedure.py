@@ -14,21 +14,21 @@ from swashtwin.calibration.measurement import (
     DEFAULT_BAND,
     LINE_SPEED_TOLERANCE,
     Lines,
+    assign_single_channels,
     measure,
-    place_single_channels,
     select_agreeing,
 )
 from swashtwin.calibration.misfit_hypotheses import (
     MisfitHypothesis,
+    describe_constant,
     suspected_mistakes,
-    words_of_constant,
 )
 from swashtwin.calibration.posterior import (
     MISFIT,
     Estimate,
     Posterior,
-    estimates_of,
-    misfit_of,
+    build_estimates,
+    compute_misfit,
     posterior_covariance,
     strained_constants,
 )
@@ -43,8 +43,8 @@ from swashtwin.calibration.search import (
     widening_search,
 )
 from swashtwin.calibration.severity.law_search import identify_law
-from swashtwin.calibration.spectrum_objective import NONE, Objective, objective_of
-from swashtwin.calibration.unknowns import CONSTANTS, Nuisances, search_space, unstated
+from swashtwin.calibration.spectrum_objective import NONE, Objective, build_objective
+from swashtwin.calibration.unknowns import CONSTANTS, Nuisances, build_search_space, unstated
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.physics import Twin
 from swashtwin.pump import (
@@ -100,7 +100,7 @@ def calibrate(
 
     Of `recordings`, those of the class of `fault` (without one, ``"normal"`` or ``"healthy"``) are
     used, with the operating condition that each states; the others are listed in
-    `Calibration.left_out` with the reason. Recordings at several operating points are fitted
+    `Calibration.excluded_recordings` with the reason. Recordings at several operating points are fitted
     together, with one set of values; so are recordings of several sets of sensors. Channels are the
     pump's sensors of the same names; a single channel of another name counts as the first of them,
     its gain and the housing's share in it free. Calibrating is training: no recording used here may
@@ -149,12 +149,12 @@ def calibrate(
         )
     started = time.perf_counter()
     method = GaussNewton() if method is None else method
-    twins = starting_twins(pump, recordings := list(recordings), fault)
-    recordings, unplaced = place_single_channels(recordings, twins[0].pump)
+    twins = build_starting_twins(pump, recordings := list(recordings), fault)
+    recordings, unplaced = assign_single_channels(recordings, twins[0].pump)
     if unplaced:
         wide = {name: max(getattr(nuisances, name), FREE_PATH) for name in ("gains", "residue")}
         nuisances = replace(nuisances, **wide)
-    search_space(twins[0], bounds)  # refuses impossible bounds before anything is measured
+    build_search_space(twins[0], bounds)  # refuses impossible bounds before anything is measured
     groups = []
     for (
         twin
@@ -174,16 +174,16 @@ def calibrate(
     require_one_machine(
         [recording for each in measurements for recording in each.recordings], "a calibration"
     )
-    objective = objective_of([twin for twin, _ in groups], measurements, bounds, nuisances)
+    objective = build_objective([twin for twin, _ in groups], measurements, bounds, nuisances)
     may_widen = (
         () if isinstance(method, IPINN) else unstated(bounds)
     )  # the paper's bounds pull back by a loss
     objective, search, hypotheses = _search(
         objective, method, may_widen, explain_misfit, seed, progress
     )
-    misfit = misfit_of(objective, search.point)
+    misfit = compute_misfit(objective, search.point)
     covariance = posterior_covariance(objective, search.point)
-    estimates = estimates_of(objective, search.point, covariance)
+    estimates = build_estimates(objective, search.point, covariance)
     posterior = Posterior(objective.unknowns, search.point, covariance)
     calibrated = posterior.twin_at(twins[0], search.point)
     measurements = [comparison.measurement for comparison in objective.comparisons]
@@ -201,8 +201,10 @@ def calibrate(
         history=search.history,
         recording_ids=names,
         recording_hashes=build_manifest(used),
-        left_out=tuple(
-            (name, reason) for name, reason in measurements[0].left_out if name not in names
+        excluded_recordings=tuple(
+            (name, reason)
+            for name, reason in measurements[0].excluded_recordings
+            if name not in names
         ),
         notes=(
             *(_PLACE.format(name, twins[0].pump.channels[0]) for name in unplaced),
@@ -228,7 +230,9 @@ def calibrate(
         law=identified,
         recording_ids=names,
         recording_hashes=build_manifest(used),
-        left_out=tuple(pair for pair in calibration.left_out if pair[0] not in names),
+        excluded_recordings=tuple(
+            pair for pair in calibration.excluded_recordings if pair[0] not in names
+        ),
         wall_s=time.perf_counter() - started,
     )
 
@@ -257,15 +261,15 @@ def _search(
         within = np.clip(start, objective.unknowns.lower, objective.unknowns.upper)
         begun = replace(objective, unknowns=replace(objective.unknowns, begun=within))
         again = widening_search(begun, once, may_widen, seed=seed)
-        best = min(best, again, key=lambda pair: pair[1].history.least_loss)
-    fall = search.history.least_loss**2 - best[1].history.least_loss ** 2
+        best = min(best, again, key=lambda pair: pair[1].history.min_loss)
+    fall = search.history.min_loss**2 - best[1].history.min_loss ** 2
     if fall * objective.measured.numel() < DEEPER:
         return found, search, hypotheses
     better = replace(best[0], unknowns=replace(best[0].unknowns, begun=None))
     return better, best[1], suspected_mistakes(better, best[1].point)
 
 
-def starting_twins(
+def build_starting_twins(
     pump: str | Pump | Twin | Sequence[Twin],
     recordings: Sequence[Recording],
     fault: Fault | None = None,
@@ -380,7 +384,7 @@ def notes_of(
                 if abs(away[i]) > FAR
             ]
             far = ", ".join(
-                [words_of_constant(name) for name in names if not name.startswith("mode ")][:3]
+                [describe_constant(name) for name in names if not name.startswith("mode ")][:3]
             )
             lacks = "; the model lacks something (housing modes, wrong constants)"
             if far:
@@ -394,7 +398,7 @@ def notes_of(
         notes.append(
             "; ".join(doubts).removesuffix("?") + ("?" if doubts[-1].endswith("?") else ".")
         )
-    unknown = [estimate.letter for estimate in estimates if estimate.verdict == "not identified"]
+    unknown = [estimate.symbol for estimate in estimates if estimate.verdict == "not identified"]
     if unknown:
         notes.append(f"{', '.join(unknown)}: {_UNLEARNT}")
     return tuple(notes)
@@ -413,10 +417,10 @@ def _bounds(objective: Objective, search: Search, estimates: tuple[Estimate, ...
         if estimate.verdict == "at bound":
             low, high = (f"{bound:.3g}" for bound in estimate.bounds)
             yield (
-                f"{estimate.letter} was stopped by a bound ({low} to {high} {estimate.unit}): state wider ones "
-                f'(--set "bounds={estimate.letter}=LEAST..GREATEST"), or correct the pump file'
+                f"{estimate.symbol} was stopped by a bound ({low} to {high} {estimate.unit}): state wider ones "
+                f'(--set "bounds={estimate.symbol}=LEAST..GREATEST"), or correct the pump file'
             )
     strained = strained_constants(objective.unknowns, search.point)
     if strained:
-        constants = ", ".join(words_of_constant(name) for name in strained)
+        constants = ", ".join(describe_constant(name) for name in strained)
         yield f"the fit strains what was stated beyond its prior ({constants}), so no value is called identified"

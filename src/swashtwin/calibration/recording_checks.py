@@ -139,7 +139,7 @@ speed have teeth.
 
 
 @dataclass(frozen=True)
-class ShownSpeed:
+class DetectedSpeed:
     """Which speed a recording's piston-pass lines show."""
 
     stated: float
@@ -164,7 +164,7 @@ class ShownSpeed:
         return self.is_clear and self.stated_contrast < SHARE * self.shown_contrast
 
 
-def shown_speed(recording: Recording, shaft_frequency: float, piston_count: int) -> ShownSpeed:
+def detect_speed(recording: Recording, shaft_frequency: float, piston_count: int) -> DetectedSpeed:
     """The speed that the recording's lines show beside the one that is stated.
 
     The contrast of a comb is the mean over its first ten teeth of the level there (ln of the power
@@ -189,7 +189,7 @@ def shown_speed(recording: Recording, shaft_frequency: float, piston_count: int)
     shown = frequencies[
         np.argmax(np.where(frequencies < clear * (1 + 2 * AGREEING), contrast, -np.inf))
     ]
-    return ShownSpeed(
+    return DetectedSpeed(
         shaft_frequency, float(shown), float(contrast[: len(near)].max()), float(contrast.max())
     )
 
@@ -202,7 +202,7 @@ def refuse_other_speed(recording: Recording, shaft_frequency: float, piston_coun
     """
     if recording.speed is not None:
         return
-    speed = shown_speed(recording, shaft_frequency, piston_count)
+    speed = detect_speed(recording, shaft_frequency, piston_count)
     if speed.contradicts:
         raise DataError(
             f"{recording.recording_id}: stated at {60 * speed.stated:.4g} rev/min, but its piston-pass lines are "

@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from swashtwin.calibration.fit import ERRORS, Agreement, Fit, mean_agreement
+from swashtwin.calibration.fit import ERRORS, Agreement, Fit, average_agreements
 from swashtwin.calibration.posterior import LARGE, Estimate, Posterior, is_in_doubt
 from swashtwin.calibration.search import History
-from swashtwin.calibration.severity.dimensions import FaultSpace, search_of
+from swashtwin.calibration.severity.dimensions import FaultSpace, get_severity_search
 from swashtwin.foundation import (
     ArtifactError,
     MissingFileError,
@@ -48,13 +48,13 @@ class FaultLaw:
 
     @property
     def floor(self) -> float:
-        """Factor on the noise between the lines at the depth that was recorded (`floor_of`)."""
+        """Factor on the noise between the lines at the depth that was recorded (`noise_factor_of`)."""
         return self.estimates[-1].value
 
     @property
     def corner(self) -> Estimate:
         """Estimate of the corner [Hz]."""
-        return next(item for item in self.estimates if item.letter == "corner")
+        return next(item for item in self.estimates if item.symbol == "corner")
 
     def of(self, fault: Fault | None, corner_shift: float = 0.0) -> Fault | None:
         """`fault` under this law, where it is a recess that states no corner; any other fault as it
@@ -75,10 +75,12 @@ class FaultLaw:
         lawful = self.of(space.reference)
         if lawful is None or lawful == space.reference:
             return space
-        (corner,) = (item for item in search_of(lawful).dimensions if item.name == "corner")
+        (corner,) = (
+            item for item in get_severity_search(lawful).dimensions if item.name == "corner"
+        )
         return FaultSpace(lawful, (*space.free, replace(corner, deviation=self.corner.log_std)))
 
-    def floor_of(self, fault: Fault | None) -> float:
+    def noise_factor_of(self, fault: Fault | None) -> float:
         """Factor on the noise with a recess of any depth, of which its logarithm is a multiple; 1
         without one.
 
@@ -88,11 +90,11 @@ class FaultLaw:
         if not isinstance(fault, SwashPlateDefect):
             return 1.0
         depth = self.estimates[0]
-        recorded = depth.value if depth.is_told else depth.nominal
+        recorded = depth.value if depth.is_constrained else depth.nominal
         return float(self.floor ** (fault.depth / recorded))
 
 
-FORMAT = "swashtwin calibration 8"
+FORMAT = "swashtwin calibration 9"
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +121,7 @@ class Calibration:
     """Hashes of the content of each of them by id (`Recording.content_hashes`): what was calibrated
     on, whatever a file is called.
     """
-    left_out: tuple[tuple[str, str], ...]
+    excluded_recordings: tuple[tuple[str, str], ...]
     """Id of each recording given but not used, and why."""
     misfit: float
     """Root mean square of the lines that the calibrated twin misses, in what noise and a model
@@ -146,7 +148,7 @@ class Calibration:
 
     def __repr__(self) -> str:
         identified = ", ".join(
-            estimate.letter for estimate in self.estimates if estimate.verdict == "identified"
+            estimate.symbol for estimate in self.estimates if estimate.verdict == "identified"
         )
         return (
             f"<Calibration of {self.nominal.pump.name} ({self.nominal.label}) by {self.method} on "
@@ -156,7 +158,7 @@ class Calibration:
     def estimate(self, name: str) -> Estimate:
         """Estimate of the parameter with that name or letter."""
         return next(
-            estimate for estimate in self.estimates if name in (estimate.name, estimate.letter)
+            estimate for estimate in self.estimates if name in (estimate.name, estimate.symbol)
         )
 
     @property
@@ -169,25 +171,28 @@ class Calibration:
         )
 
     @property
-    def fit_before(self) -> Agreement:
+    def nominal_agreement(self) -> Agreement:
         """Agreement of the nominal twin with the recordings, averaged over the conditions."""
-        return mean_agreement([fit.before for fit in self.fits])
+        return average_agreements([fit.before for fit in self.fits])
 
     @property
-    def fit_after(self) -> Agreement:
+    def calibrated_agreement(self) -> Agreement:
         """The same of the calibrated twin."""
-        return mean_agreement([fit.after for fit in self.fits])
+        return average_agreements([fit.after for fit in self.fits])
 
     @property
     def improvement(self) -> dict[str, float]:
-        """By what share each error of `fit_before` fell; negative where it rose."""
-        before, after = asdict(self.fit_before), asdict(self.fit_after)
+        """By what share each error of `nominal_agreement` fell; negative where it rose."""
+        before, after = asdict(self.nominal_agreement), asdict(self.calibrated_agreement)
         return {name: 1 - after[name] / before[name] for name in ERRORS}
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it; `load_calibration` reads it back."""
         twins = {"twin": twin_to_dict(self.twin), "nominal": twin_to_dict(self.nominal)}
-        means = {"fit_before": asdict(self.fit_before), "fit_after": asdict(self.fit_after)}
+        means = {
+            "nominal_agreement": asdict(self.nominal_agreement),
+            "calibrated_agreement": asdict(self.calibrated_agreement),
+        }
         return {"format": FORMAT, **to_table(self), **twins, **means}
 
     def save(self, path: Path | str) -> Path:

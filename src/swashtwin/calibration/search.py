@@ -48,7 +48,7 @@ class History:
         return self.spectrum_loss + self.boundary_loss + self.prior_loss
 
     @property
-    def least_loss(self) -> float:
+    def min_loss(self) -> float:
         """The least loss."""
         return float(self.loss[self.best])
 
@@ -101,15 +101,15 @@ class GaussNewton:
     within the bounds. The first that misses the lines by no more than is `EXPECTED`, priors
     counted, is the last.
     """
-    most_iterations: int = 50
+    max_iterations: int = 50
     """At most so many steps from each start."""
     solver: SteadySolver = EXACT
     """What solves the equations."""
 
     def __post_init__(self) -> None:
-        if self.starts < 1 or self.most_iterations < 1:
+        if self.starts < 1 or self.max_iterations < 1:
             raise InputError(
-                f"starts ({self.starts}) and most_iterations ({self.most_iterations}) must be at least 1."
+                f"starts ({self.starts}) and max_iterations ({self.max_iterations}) must be at least 1."
             )
 
     def search(
@@ -128,17 +128,17 @@ class GaussNewton:
                     else generator.uniform(unknowns.lower, unknowns.upper),
                     problem.jacobian,
                     bounds=(unknowns.lower, unknowns.upper),
-                    max_nfev=self.most_iterations,
+                    max_nfev=self.max_iterations,
                     xtol=1e-10,
                 )
                 runs.append(problem.search())
-                least = min(run.history.least_loss for run in runs)
+                least = min(run.history.min_loss for run in runs)
                 is_found = least <= EXPECTED
                 if progress is not None:
                     progress(self.starts if is_found else number + 1, self.starts, least)
                 if is_found:
                     break
-        best = min(runs, key=lambda run: run.history.least_loss)
+        best = min(runs, key=lambda run: run.history.min_loss)
         return replace(best, simulations=sum(run.simulations for run in runs))
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from swashtwin.calibration.measurement import Measurement, turn_lines
-from swashtwin.calibration.unknowns import VALUES, Nuisances, Unknowns, search_space
+from swashtwin.calibration.unknowns import VALUES, Nuisances, Unknowns, build_search_space
 from swashtwin.physics import SteadySolver, Twin
 
 Points: TypeAlias = Float[Tensor, "*batch unknown"]
@@ -293,7 +293,7 @@ NONE = Nuisances()
 """Only the six values are searched."""
 
 
-def objective_of(
+def build_objective(
     twins: Twin | Sequence[Twin],
     measurements: Measurement | Sequence[Measurement],
     bounds: Mapping[str, tuple[float, float]] | float | None = None,
@@ -306,7 +306,7 @@ def objective_of(
     twins : the pump's twin, or several that differ in condition only.
     measurements : one for each twin; only lines that the twin has are compared. Their channels may
         differ.
-    bounds : see `search_space`.
+    bounds : see `build_search_space`.
     nuisances : what is searched beside the six values.
     """
     twins = [twins] if isinstance(twins, Twin) else list(twins)
@@ -315,14 +315,14 @@ def objective_of(
         dict.fromkeys(name for measurement in measurements for name in measurement.channels)
     )
     pairs = zip(twins, measurements, strict=True)
-    comparisons = tuple(comparison_of(*pair, channels) for pair in pairs)
+    comparisons = tuple(build_comparison(*pair, channels) for pair in pairs)
     scales = np.log(twins[0].scales.values())
     return Objective(
-        comparisons, Unknowns(search_space(twins[0], bounds), nuisances, channels, scales)
+        comparisons, Unknowns(build_search_space(twins[0], bounds), nuisances, channels, scales)
     )
 
 
-def comparison_of(
+def build_comparison(
     twin: Twin, measurement: Measurement, channels: tuple[str, ...] = ()
 ) -> Comparison:
     """Comparison within the band that was measured, of the lines that the twin has, or of all of a

@@ -64,7 +64,7 @@ class SearchSpace:
         return (torch.relu(values / upper - 1) + torch.relu(1 - values / lower)).mean(dim=-1)
 
 
-def search_space(
+def build_search_space(
     twin: Twin, bounds: Mapping[str, tuple[float, float]] | float | None = None
 ) -> SearchSpace:
     """Bounds around the twin's interface values.
@@ -155,7 +155,7 @@ class Nuisances:
             )
 
     @classmethod
-    def usual(cls, **changes: Any) -> "Nuisances":
+    def typical(cls, **changes: Any) -> "Nuisances":
         """Mounting, bearings, excitation and sensors, with the priors of
         docs/explanation/physics.md.
         """
@@ -170,7 +170,7 @@ class Nuisances:
     @classmethod
     def housing(cls, **changes: Any) -> "Nuisances":
         """The usual ones, each channel's gain, and two modes of the housing."""
-        return cls.usual(**{"gains": 0.1, "modes": 2, **changes})
+        return cls.typical(**{"gains": 0.1, "modes": 2, **changes})
 
     @classmethod
     def by_axis(cls, **changes: Any) -> "Nuisances":
@@ -404,7 +404,7 @@ def touched(
 
 
 def unstated(bounds: Mapping[str, tuple[float, float]] | float | None) -> tuple[str, ...]:
-    """Letters of the values whose bounds nobody stated; see `search_space`."""
+    """Letters of the values whose bounds nobody stated; see `build_search_space`."""
     if isinstance(bounds, int | float):
         return ()
     return tuple(

@@ -78,7 +78,7 @@ def calibrate(
         typer.Option(
             "--set",
             metavar="NAME=VALUE",
-            help="A setting of the method (starts=8), or: nuisances=none, usual, housing or by-axis (unmeasured "
+            help="A setting of the method (starts=8), or: nuisances=none, typical, housing or by-axis (unmeasured "
             "constants that are searched as well), phases=false, lines=shaft or spectrum, solver=rk4, bounds=10 "
             "(a factor of the nominal values); repeatable.",
         ),
@@ -160,8 +160,8 @@ def calibrate(
         "method",
         "settings",
         "estimates",
-        "fit_before",
-        "fit_after",
+        "nominal_agreement",
+        "calibrated_agreement",
         "recording_ids",
         "recording_hashes",
         "law",
@@ -170,7 +170,7 @@ def calibrate(
     answer = {
         "calibration": out,
         "interfaces": values,
-        **{name: facts[name] for name in (*shown, "left_out", "notes")},
+        **{name: facts[name] for name in (*shown, "excluded_recordings", "notes")},
     }
     answer |= {"simulations": result.simulations, "wall_s": result.wall_s, "report": page}
     print_result(answer, as_json, lambda: _show(result, out, page))
@@ -245,7 +245,7 @@ def _settings(
     words: dict[str, dict[str, Any]] = {
         "lines": {name: name for name in ("piston", "shaft", "spectrum")},
         "nuisances": {
-            "none": Nuisances(), "usual": Nuisances.usual(), "housing": Nuisances.housing(),
+            "none": Nuisances(), "typical": Nuisances.typical(), "housing": Nuisances.housing(),
             "by-axis": Nuisances.by_axis(),
         },
         "solver": {"harmonic-balance": None, "rk4": RK4()},
@@ -284,7 +284,7 @@ def _interval(estimate: "Estimate") -> str:
 def _show(result: "Calibration", out: Path, page: Path | None) -> None:
     law = () if result.law is None else result.law.estimates
     rows = [
-        (estimate.letter, estimate.name, estimate.nominal, estimate.value, _interval(estimate), estimate.unit,
+        (estimate.symbol, estimate.name, estimate.nominal, estimate.value, _interval(estimate), estimate.unit,
          estimate.verdict)
         for estimate in (*result.estimates, *law)
     ]  # fmt: skip
@@ -299,7 +299,7 @@ def _show(result: "Calibration", out: Path, page: Path | None) -> None:
             ("contact, entry", "ln evidence"),
             [(name, f"{value:.1f}") for name, value in laws],
         )
-    before, after = asdict(result.fit_before), asdict(result.fit_after)
+    before, after = asdict(result.nominal_agreement), asdict(result.calibrated_agreement)
     fits = [(name, before[name], after[name]) for name in before]
     print_table("Against the measurement", ("figure", "nominal", "calibrated"), fits)
     for text in result.notes:

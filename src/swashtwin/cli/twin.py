@@ -86,7 +86,7 @@ _SHOWN = 10
 def _show_plan(plan: "RecordingPlan") -> None:
     rows = []
     for item in plan.candidates[:_SHOWN]:
-        letter, factor = max(item.narrower.items(), key=lambda pair: pair[1])
+        letter, factor = max(item.narrowing_factors.items(), key=lambda pair: pair[1])
         gain = 1 - item.total_width / plan.total_width
         rows.append(
             (
@@ -313,7 +313,7 @@ def severity(
     starts. Of the further dimensions the usual ones are searched unless they are given. Calibrate
     with --band "0-1 kHz", the band in which severities are searched, and with phases, the default.
     """
-    from swashtwin.calibration import estimate_severity, load_calibration, search_of
+    from swashtwin.calibration import estimate_severity, get_severity_search, load_calibration
     from swashtwin.foundation import DataError
     from swashtwin.pump import is_healthy, read_fault
     from swashtwin.recordings import build_manifest, find_copies, load_recordings
@@ -356,7 +356,7 @@ def severity(
         sound += [
             item for item in further if is_healthy(item.label) and item.recording_id not in ids
         ]
-    usual = [name for name in search_of(defect).free if name not in fixed]
+    usual = [name for name in get_severity_search(defect).free if name not in fixed]
     with progress("searching severities"):
         trend = estimate_severity(healthy_calibration, worn, defect, healthy=sound, free=usual)
     result = {**trend.to_dict(), "healthy": [recording.recording_id for recording in sound]}
@@ -397,5 +397,5 @@ def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
     ]
     for text in (*trend.notes, *notes):
         print_note(f"note: {text}")
-    print_merged_notes(trend.left_out, "left out")
+    print_merged_notes(trend.excluded_recordings, "left out")
     print_text(f"{plural(len(trend.estimates), 'recording')}, against {healthy} healthy ones")

@@ -265,7 +265,7 @@ class RecordingViews:
         DataError
             No comb of lines stands clear.
         """
-        from swashtwin.calibration import shown_speed
+        from swashtwin.calibration import detect_speed
 
         recording = self._workspace.recording(name)
         stated = specified_shaft_frequency(recording)
@@ -273,7 +273,7 @@ class RecordingViews:
             (12.0, 30.0) if stated is None else (stated,)
         )  # each looks from a third of it to three times it
         best = max(
-            (shown_speed(recording, start, pistons) for start in starts),
+            (detect_speed(recording, start, pistons) for start in starts),
             key=lambda speed: speed.shown_contrast,
         )
         if not best.is_clear:

@@ -100,7 +100,7 @@ class TwinWorkbench:
 
     def starts(self) -> dict[str, Any]:
         """Pumps and calibrations to start from, and faults with their dimensions."""
-        from swashtwin.calibration import search_of
+        from swashtwin.calibration import get_severity_search
 
         folder, own = self._workspace.folder, self._workspace.calibration
         files = [
@@ -126,7 +126,7 @@ class TwinWorkbench:
         )
         faults = [
             {"kind": kind, "label": typical.label, "dimensions": [
-                {**asdict(item), "typical": getattr(typical, item.name)} for item in search_of(typical).dimensions
+                {**asdict(item), "typical": getattr(typical, item.name)} for item in get_severity_search(typical).dimensions
             ]}
             for kind, typical in FAULT_KINDS.items() if typical is not None
         ]  # fmt: skip
@@ -224,10 +224,10 @@ class TwinWorkbench:
         """Channels, orders, amplitudes and deviations of a recording's lines, taken for one of the
         twin's class.
         """
-        from swashtwin.calibration import measure, place_single_channels
+        from swashtwin.calibration import assign_single_channels, measure
 
         twin = self._start(start)[0]
-        recording = place_single_channels([self._workspace.recording(name)], twin.pump)[0][0]
+        recording = assign_single_channels([self._workspace.recording(name)], twin.pump)[0][0]
         if recording.condition is None:
             raise DataError(f"{name} states no speed and pressure; state both in its facts.")
         its_fault = twin.fault if fault == "start" else FAULT_KINDS.get(fault)

@@ -56,7 +56,8 @@ def build_calibration_part(calibration: Calibration, key: str) -> Part:
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
     change = _change(calibration, "spectrum_value_error")
     has_improved = (
-        calibration.fit_after.spectrum_value_error < calibration.fit_before.spectrum_value_error
+        calibration.calibrated_agreement.spectrum_value_error
+        < calibration.nominal_agreement.spectrum_value_error
     )
     provenance = build_facts_table(
         "How the calibration was made.",
@@ -110,7 +111,7 @@ def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
             "Do not use this twin: check speed, pressure, units and the pump's parameters first.",
         )
     weak = [
-        estimate.letter for estimate in calibration.estimates if estimate.verdict != "identified"
+        estimate.symbol for estimate in calibration.estimates if estimate.verdict != "identified"
     ]
     caution = (
         (
@@ -142,7 +143,10 @@ def summarize_calibration(calibration: Calibration) -> tuple[str, ...]:
 
 
 def _change(calibration: Calibration, name: str) -> str:
-    before, after = (getattr(fit, name) for fit in (calibration.fit_before, calibration.fit_after))
+    before, after = (
+        getattr(fit, name)
+        for fit in (calibration.nominal_agreement, calibration.calibrated_agreement)
+    )
     verb = "fell" if after < before else "ROSE" if after > before else "stayed"
     return f"{verb} from {format_number(before)} to {format_number(after)}"
 
@@ -176,9 +180,16 @@ def describe_conditions(calibration: Calibration) -> str:
 def build_calibration_blocks(calibration: Calibration, key: str) -> tuple:
     """Notes, tables and figures of one calibration."""
     pictures = calibration_drawings(calibration, key)
-    left_out = tuple(f"{name}: {reason}" for name, reason in calibration.left_out)
-    title = f"Recordings: {len(calibration.recording_ids)} used, {len(left_out)} left out"
-    recordings = (Bullets("Used", calibration.recording_ids), Bullets("Left out", left_out))
+    excluded_recordings = tuple(
+        f"{name}: {reason}" for name, reason in calibration.excluded_recordings
+    )
+    title = (
+        f"Recordings: {len(calibration.recording_ids)} used, {len(excluded_recordings)} left out"
+    )
+    recordings = (
+        Bullets("Used", calibration.recording_ids),
+        Bullets("Left out", excluded_recordings),
+    )
     tables = fit_table(calibration), estimates_table(calibration), directions_table(calibration)
     notes = Bullets("Look at this first", calibration.notes)
     return (notes, *tables, *pictures, Group(title, recordings, is_open=False))
@@ -186,7 +197,7 @@ def build_calibration_blocks(calibration: Calibration, key: str) -> tuple:
 
 def fit_table(calibration: Calibration) -> Table:
     """RMSE, PE and SVE before and after."""
-    before, after = asdict(calibration.fit_before), asdict(calibration.fit_after)
+    before, after = asdict(calibration.nominal_agreement), asdict(calibration.calibrated_agreement)
     rows = []
     for name, label in FIGURES.items():
         share = calibration.improvement.get(name, math.nan) if before[name] else math.nan
@@ -210,9 +221,9 @@ def estimates_table(calibration: Calibration) -> Table:
     """The six values with intervals and verdicts."""
     rows = []
     for estimate in calibration.estimates:
-        traded = f", traded with {estimate.traded_with}" if estimate.traded_with else ""
+        traded = f", traded with {estimate.correlated_with}" if estimate.correlated_with else ""
         unit = estimate.unit.replace("*", "·")
-        name = f"{estimate.letter}, {format_parameter(estimate.name)} [{unit}]"
+        name = f"{estimate.symbol}, {format_parameter(estimate.name)} [{unit}]"
         values = format_number_cell(estimate.nominal), format_number_cell(estimate.value)
         rows.append((name, *values, describe_interval(estimate), f"{estimate.verdict}{traded}"))
     return Table(
@@ -228,7 +239,7 @@ def directions_table(calibration: Calibration) -> Table:
     """Independent combinations of the six values."""
     posterior, letters = (
         calibration.posterior,
-        tuple(estimate.letter for estimate in calibration.estimates),
+        tuple(estimate.symbol for estimate in calibration.estimates),
     )
     prior = posterior.unknowns.deviation[VALUES]
     variance, directions = np.linalg.eigh(
@@ -408,7 +419,16 @@ def _spectrum_panel(panel: Axes, record: Spectra, i: int) -> None:
 @figure_style()
 def estimates(calibration: Calibration, key: str) -> Drawing:
     """The six values over their nominal ones, with intervals, bounds and verdicts."""
-    stated = ("letter", "unit", "nominal", "value", "interval", "bounds", "verdict", "traded_with")
+    stated = (
+        "symbol",
+        "unit",
+        "nominal",
+        "value",
+        "interval",
+        "bounds",
+        "verdict",
+        "correlated_with",
+    )
     shown = {
         name: [getattr(estimate, name) for estimate in calibration.estimates] for name in stated
     }
@@ -423,7 +443,7 @@ def estimates(calibration: Calibration, key: str) -> Drawing:
         _estimate_row(panel, height, estimate)
     panel.axvline(1, color=NOMINAL, linewidth=1.2)
     panel.text(1, 5.62, "nominal", color=NOMINAL, ha="center", va="bottom", fontsize=9)
-    names = [f"{format_parameter(e.name)}, {e.letter}" for e in reversed(calibration.estimates)]
+    names = [f"{format_parameter(e.name)}, {e.symbol}" for e in reversed(calibration.estimates)]
     panel.set(ylim=(-0.6, 5.6), yticks=range(len(PARAMETERS)), yticklabels=names)
     panel.grid(axis="y", visible=False)
     panel.set(xscale="log", xlabel="value over nominal value")
@@ -448,20 +468,20 @@ def _estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
         color=color,
         linewidth=2.6,
     )
-    share, is_told = estimate.value / estimate.nominal, estimate.verdict == "identified"
+    share, is_constrained = estimate.value / estimate.nominal, estimate.verdict == "identified"
     panel.plot(
         share,
         height,
         "o",
         color=color,
-        markerfacecolor=color if is_told else "white",
+        markerfacecolor=color if is_constrained else "white",
         markersize=7,
         zorder=3,
     )
     panel.annotate(
-        f"{estimate.verdict}{f', traded with {estimate.traded_with}' if estimate.traded_with else ''}",
+        f"{estimate.verdict}{f', traded with {estimate.correlated_with}' if estimate.correlated_with else ''}",
         (1.01, height), xycoords=("axes fraction", "data"), va="center", fontsize=9,
-        fontweight="bold" if is_told else "normal",
+        fontweight="bold" if is_constrained else "normal",
     )  # fmt: skip
 
 
@@ -481,7 +501,7 @@ def draw_search(calibration: Calibration, key: str) -> Drawing:
     }
     columns |= {"boundary": history.boundary_loss}
     columns |= {
-        estimate.letter: history.values[:, i] for i, estimate in enumerate(calibration.estimates)
+        estimate.symbol: history.values[:, i] for i, estimate in enumerate(calibration.estimates)
     }
     figure, axes = create_panels(2, 1, 5.4, sharex=True, height_ratios=(2, 3))
     above, below = axes[:, 0]
@@ -500,7 +520,7 @@ def draw_search(calibration: Calibration, key: str) -> Drawing:
         interface, entry = estimate.name.split(".")
         style = "-" if entry == "damping" else "--"
         below.plot(
-            step, ratio[:, i], style, color=INTERFACE_COLORS[interface], label=estimate.letter
+            step, ratio[:, i], style, color=INTERFACE_COLORS[interface], label=estimate.symbol
         )
     figure.legend(loc="outside right lower")
     caption = (

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swashtwin.calibration import shown_speed
+from swashtwin.calibration import detect_speed
 from swashtwin.foundation import InputError
 from swashtwin.learning import WindowSet, require_matching_values
 from swashtwin.physics import Twin
@@ -92,7 +92,7 @@ def _refuse_other_pistons(
         shaft = specified_shaft_frequency(recording) or condition.shaft_frequency
         if recording.duration * shaft < _LEAST_TURNS:
             continue
-        shown = shown_speed(recording, shaft, count)
+        shown = detect_speed(recording, shaft, count)
         if shown.is_clear and not shown.contradicts:
             return []
         if shown.contradicts and not contradiction:

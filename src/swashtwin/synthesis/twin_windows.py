@@ -159,7 +159,7 @@ def synthesize(
             "file, which no recording has checked; calibrate on them, or leave them out (channels = [...]).",
         )
     law = None if calibration is None or values == "nominal" else calibration.law
-    if law is not None and law.of(fault) != fault and not law.corner.is_told:
+    if law is not None and law.of(fault) != fault and not law.corner.is_constrained:
         notes = (
             *notes,
             f"no recording tells how slippers follow a recess (corner: {law.corner.verdict}); the windows guess it.",
@@ -294,7 +294,7 @@ def simulate_windows(
             window = window * np.exp(rng.normal(0, variation.sensor, (len(like.channels), 1)))
             if noises:
                 own = laws[i % len(twins)]
-                floor = 1.0 if own is None else own.floor_of(source.fault)
+                floor = 1.0 if own is None else own.noise_factor_of(source.fault)
                 window = gains[i % len(twins)][:, None] * window + floor * noises[
                     i % len(twins)
                 ].draw(rng)

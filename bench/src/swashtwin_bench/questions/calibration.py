@@ -23,11 +23,11 @@ from swashtwin.calibration import (
     GaussNewton,
     Nuisances,
     agreement,
-    agreement_of_lines,
+    average_agreements,
+    build_objective,
     calibrate,
-    mean_agreement,
+    evaluate_line_agreement,
     measure,
-    objective_of,
 )
 from swashtwin.foundation import InputError, MPa, mm
 from swashtwin.physics import Twin
@@ -227,7 +227,7 @@ def _interval(pump: _Pump, method: str, estimate: Estimate, truth: float) -> dic
         "seed": pump.seed,
         "specimen": pump.name,
         "twin": method,
-        "letter": estimate.letter,
+        "symbol": estimate.symbol,
         "value": estimate.value,
         "interval": [low, high],
         "truth": float(np.exp(truth)),
@@ -239,7 +239,7 @@ def _interval(pump: _Pump, method: str, estimate: Estimate, truth: float) -> dic
 
 def errors_on(recording: Recording, twin: Twin) -> dict[str, float]:
     """RMSE, PE and SVE of a twin on a recording at its operating point."""
-    (comparison,) = objective_of(twin, measure(twin, [recording])).comparisons
+    (comparison,) = build_objective(twin, measure(twin, [recording])).comparisons
     return _errors(agreement(comparison.measurement, twin, comparison.amplitude_of(twin))[0])
 
 
@@ -248,7 +248,9 @@ def _errors_of_truth(recording: Recording, nominal: Twin, run: Run) -> dict[str,
     measurement, lines = measure(nominal, [recording]), sensor_lines(run)
     orders = np.arange(1, lines.shape[1] + 1)
     amplitude = np.abs(lines[:, measurement.orders - 1])
-    return _errors(mean_agreement([agreement_of_lines(measurement, lines, orders, amplitude)[0]]))
+    return _errors(
+        average_agreements([evaluate_line_agreement(measurement, lines, orders, amplitude)[0]])
+    )
 
 
 def _errors(near: Agreement) -> dict[str, float]:
@@ -263,16 +265,16 @@ def _intervals(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> dict[str
     for name in names:
         own = [row for row in rows if row["twin"] == name]
         sure = [row for row in own if row["verdict"] == "identified"]
-        by_letter: dict[str, list[bool]] = {}
+        by_symbol: dict[str, list[bool]] = {}
         for row in own:
-            by_letter.setdefault(row["letter"], []).append(row["verdict"] == "identified")
+            by_symbol.setdefault(row["symbol"], []).append(row["verdict"] == "identified")
         table[name] = {
             "values": len(own),
             "identified": len(sure),
             "held_of_identified": _share([row["held"] for row in sure]),
             "beyond_three_of_identified": _share([abs(row["off"]) > 3 for row in sure]),
             "held_of_all": _share([row["held"] for row in own]),
-            "identified_by_letter": {letter: _share(hits) for letter, hits in by_letter.items()},
+            "identified_by_symbol": {letter: _share(hits) for letter, hits in by_symbol.items()},
             "single": own,
         }
     return table

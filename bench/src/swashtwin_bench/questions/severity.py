@@ -122,7 +122,7 @@ def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Cas
         twin,
         healthy[:-1],
         method=GaussNewton(),
-        nuisances=Nuisances.usual(),
+        nuisances=Nuisances.typical(),
         explain_misfit=False,
         band=SeveritySettings().band,
     )

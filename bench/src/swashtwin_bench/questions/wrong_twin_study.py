@@ -174,7 +174,7 @@ def figures(calibration: Calibration, truth: np.ndarray) -> dict[str, Any]:
         "silent": float(errs and not warnings),
         "misfit": float(history.spectrum_loss[history.best]),
         "values": {
-            each.letter: [float(each.value / true), each.log_std, each.verdict]
+            each.symbol: [float(each.value / true), each.log_std, each.verdict]
             for each, true in zip(calibration.estimates, truth, strict=True)
         },
         "notes": list(calibration.notes),

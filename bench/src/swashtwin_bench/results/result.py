@@ -301,8 +301,8 @@ class StudyResult(StudyTable):
                 {
                     "pump": calibration.twin.pump.name,
                     "recording_ids": list(calibration.recording_ids),
-                    "fit_before": asdict(calibration.fit_before),
-                    "fit_after": asdict(calibration.fit_after),
+                    "nominal_agreement": asdict(calibration.nominal_agreement),
+                    "calibrated_agreement": asdict(calibration.calibrated_agreement),
                     "estimates": [asdict(estimate) for estimate in calibration.estimates],
                 }
                 for calibration in self.calibrations

@@ -111,7 +111,7 @@ def register_severity(kind: type[Fault], search: SeveritySearch) -> None:
     _searches[kind] = search
 
 
-def search_of(fault: Fault) -> SeveritySearch:
+def get_severity_search(fault: Fault) -> SeveritySearch:
     """How the severity of a fault is searched."""
     severity = fields(fault)[0].name
     return _searches.get(
@@ -199,7 +199,7 @@ def fault_space(fault: Fault, free: Sequence[str] | None = None) -> FaultSpace:
 
     An `InputError` where the fault has no such dimension, or no severity to scale.
     """
-    search = search_of(fault)
+    search = get_severity_search(fault)
     dimensions = {dimension.name: dimension for dimension in search.dimensions}
     severity, *_ = dimensions
     further = search.free if free is None else [name for name in free if name != severity]

@@ -19,7 +19,7 @@ import torch
 from jaxtyping import Float
 
 from swashtwin.calibration.discrepancy import Discrepancy, linearize, noise_covariance
-from swashtwin.calibration.severity.dimensions import FaultSpace, search_of
+from swashtwin.calibration.severity.dimensions import FaultSpace, get_severity_search
 from swashtwin.calibration.severity.profile_likelihood import (
     THRESHOLD,
     ProfileProblem,
@@ -99,7 +99,7 @@ class Inversion(ProfileProblem):
             port_timing,
         )
         searches_corner = any(dimension.name == "corner" for dimension in space.free)
-        self.roll_off = 0.0 if searches_corner else search_of(space.reference).roll_off
+        self.roll_off = 0.0 if searches_corner else get_severity_search(space.reference).roll_off
         self.n_unknowns, self.simulations = len(prior.center), 0
         spread = 6 * np.sqrt(np.diag(prior.covariance))
         further = 4 * np.array([dimension.deviation for dimension in space.free[1:]])

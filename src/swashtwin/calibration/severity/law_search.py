@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from swashtwin.calibration.measurement import place_single_channels
+from swashtwin.calibration.measurement import assign_single_channels
 from swashtwin.calibration.posterior import MISFIT, Estimate, estimated
 from swashtwin.calibration.result import Calibration, FaultLaw
 from swashtwin.calibration.severity.dimensions import fault_space
@@ -96,7 +96,7 @@ def identify_law(
         raise InputError(
             f"the law of {type(fault).__name__} has no unknowns; a law is searched of a recess, swash_plate, alone."
         )
-    placed, _ = place_single_channels(recordings, calibration.nominal.pump)
+    placed, _ = assign_single_channels(recordings, calibration.nominal.pump)
     used = [
         item
         for item in placed

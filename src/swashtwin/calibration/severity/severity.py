@@ -103,7 +103,7 @@ class Severity:
     noise and drift of its films. What is common to all of them, such as the fault's law, is not in
     it.
     """
-    traded_with: str | None
+    correlated_with: str | None
     """What else could change along with the severity at almost the same lines (correlation above
     0.7).
     """
@@ -180,7 +180,7 @@ class SeverityTrend:
     """The kind of fault, with the dimensions that were not searched."""
     estimates: tuple[Severity, ...]
     """One for each recording."""
-    left_out: tuple[tuple[str, str], ...]
+    excluded_recordings: tuple[tuple[str, str], ...]
     """Id of each recording that was not looked at, and why."""
     notes: tuple[str, ...]
     """What the user should look at."""
@@ -245,7 +245,7 @@ def severity_notes(
         )
     elif not calibration.settings.get("phases"):
         yield "the calibration dropped the phases of the lines: severities are less certain; calibrate with phases."
-    partners = {estimate.traded_with for estimate in estimates} - {None}
+    partners = {estimate.correlated_with for estimate in estimates} - {None}
     if partners:
         yield (
             f"the severity is traded with {', '.join(sorted(map(str, partners)))}: it is known no better than these; a "

@@ -13,14 +13,19 @@ from jaxtyping import Float
 from swashtwin.calibration.measurement import (
     Lines,
     Measurement,
+    assign_single_channels,
     measure,
-    place_single_channels,
     select_agreeing,
 )
 from swashtwin.calibration.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.recording_checks import require_one_machine
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
+from swashtwin.calibration.severity.dimensions import (
+    Dimension,
+    FaultSpace,
+    fault_space,
+    get_severity_search,
+)
 from swashtwin.calibration.severity.inversion import Ends, Inversion, Minimum, Prior
 from swashtwin.calibration.severity.profile_likelihood import THRESHOLD
 from swashtwin.calibration.severity.severity import (
@@ -121,9 +126,9 @@ def estimate_severity(
             "recordings, so that the fault's share stays to be found: swashtwin calibrate --fault normal."
         )
     require_one_machine([*candidates, *healthy_recordings], "a severity")
-    candidates, _ = place_single_channels(candidates, calibration.nominal.pump)
-    healthy_recordings, _ = place_single_channels(healthy_recordings, calibration.nominal.pump)
-    used, left_out = _chosen(candidates, fault)
+    candidates, _ = assign_single_channels(candidates, calibration.nominal.pump)
+    healthy_recordings, _ = assign_single_channels(healthy_recordings, calibration.nominal.pump)
+    used, excluded_recordings = _chosen(candidates, fault)
     with one_thread():
         estimates = tuple(
             _of_recording(calibration, recording, space, healthy_recordings, settings)
@@ -132,7 +137,7 @@ def estimate_severity(
     return SeverityTrend(
         reference=fault,
         estimates=estimates,
-        left_out=left_out,
+        excluded_recordings=excluded_recordings,
         notes=tuple(severity_notes(calibration, space, estimates, healthy_recordings, settings)),
         settings={**asdict(settings), "free": [dimension.name for dimension in space.free]},
         version=VERSION,
@@ -145,11 +150,11 @@ def _chosen(
     """Recordings that may show the fault: of its class, also in other words, healthy or of none;
     and why not others.
     """
-    used, left_out = [], []
+    used, excluded_recordings = [], []
     for recording in recordings:
         label = recording.label
         if recording.condition is None:
-            left_out.append(
+            excluded_recordings.append(
                 (recording.recording_id, "it lacks speed or pressure; add them to the index")
             )
         elif (
@@ -159,7 +164,7 @@ def _chosen(
         ):
             used.append(recording)
         else:
-            left_out.append(
+            excluded_recordings.append(
                 (
                     recording.recording_id,
                     f"the recording's label is {label}, the fault's {fault.label}",
@@ -167,10 +172,11 @@ def _chosen(
             )
     if not used:
         reasons = (
-            "; ".join(f"{name}: {reason}" for name, reason in left_out[:3]) or "none was given"
+            "; ".join(f"{name}: {reason}" for name, reason in excluded_recordings[:3])
+            or "none was given"
         )
         raise DataError(f"no recording to estimate a severity of ({reasons}).")
-    return used, tuple(left_out)
+    return used, tuple(excluded_recordings)
 
 
 def _of_recording(
@@ -246,7 +252,7 @@ def _under_one_law(
         threshold=inversion.threshold,
         detection_limit=None if limit is None else limit * space.reference.severity,
         repeatability=deviation / relative if relative > 0 else math.inf,
-        traded_with=_traded(covariance, inversion),
+        correlated_with=_traded(covariance, inversion),
         misfit=misfit,
         simulations=inversion.simulations,
         wall_s=time.perf_counter() - started,
@@ -375,7 +381,7 @@ def _severity(
 ) -> DimensionEstimate:
     """The severity with the interval of its profiles, widened by the error of the fault's law."""
     space, (below, above) = inversion.space, ends
-    law = search_of(space.reference).law
+    law = get_severity_search(space.reference).law
     relative, typical = float(point[inversion.severity]), space.reference.severity
     most = float(inversion.upper[inversion.severity])
     low, high = (below or 0.0) if is_there else 0.0, most if above is None else above

@@ -35,7 +35,7 @@ export async function twinRoom(place, values) {
     const [low, high] = item.interval.map((end) => short(end, 3)), [below, above] = item.open;
     const words = below && above ? "no limits" : below ? `at most ${high}` : above ? `at least ${low}` : `${low} … ${high}`;
     const kind = { identified: "normal", weak: "unusual" }[item.verdict] ?? "alarm";
-    return h("span", { class: "interval" }, h("span", { class: `badge ${kind}` }, item.verdict), ` 90 %: ${words}${item.traded_with ? `, trades with ${item.traded_with}` : ""}`);
+    return h("span", { class: "interval" }, h("span", { class: `badge ${kind}` }, item.verdict), ` 90 %: ${words}${item.correlated_with ? `, trades with ${item.correlated_with}` : ""}`);
   }
 
   function build(lines) {

@@ -167,12 +167,12 @@ class Pipeline:
                     alarm.id, {**severity, "certainty": certainty, "recording": judgment.id}
                 )
                 self._tried.add(alarm.id)
-                is_told = (
+                is_constrained = (
                     stored
                     and stored.closed is None
                     and stored not in transaction.unreported_alarms()
                 )
-                if stored and is_told and not transaction.silenced(datetime.now(UTC)):
+                if stored and is_constrained and not transaction.silenced(datetime.now(UTC)):
                     self._post(
                         transaction,
                         "measured",

@@ -70,7 +70,7 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
     [
         ({"sample_rate": 1000}, DataError, 'add unit = "g"'),
         ({"unit": "g"}, DataError, 'add sample_rate = "25.6 kHz"'),
-        ({"unit": "bananas", "sample_rate": 1000}, UnitError, "not known"),
+        ({"unit": "bananas", "sample_rate": 1000}, UnitError, "Unknown unit"),
         ({"unit": "g", "sample_rate": "1000"}, UnitError, "no unit"),
         ({"unit": "g", "sample_rate": -5}, DataError, "must be positive"),
         ({"unit": "g", "sample_rate": 1000, "channels": ["c"]}, DataError, "it has 0 'a', 1 'b'"),

@@ -341,7 +341,7 @@ READ += [
     ("sensitivity without volts", SENSED, {}, 'unit = "V" or "mV"'),
     ("sensitivity without volts", SENSED, {"unit": "g"}, VOLTS),  # applied already, as is said
     ("sensitivity without volts", SENSED, {"unit": "V"}, NOISE),
-    ("scale in words", hdf5(COUNTS, gain="0.0001 g"), {}, r'gain = 0.0001 g.* sensitivity = "0.0001 g"'),
+    ("scale in words", hdf5(COUNTS, gain="0.0001 g"), {}, "gain = 0.0001 g.* sensitivity='0.0001 g'"),
     ("scale in words", hdf5(COUNTS, gain="0.0001 g"), {"sensitivity": "0.0001 g"}, NOISE),
     ("scale of the file", hdf5(COUNTS, of_file={"scale_factor": 1e-4}), {}, NOISE),
     ("one unit for two", text("a.csv", "Sensitivity: 100, 10.2 mV/g", "t [s],x [V],y [V]",

@@ -38,7 +38,7 @@ from swashtwin.pump import (
 from swashtwin.recordings import Recording, join_blocks
 from swashtwin.signals import synchronous_signal
 
-BLOCK = 65536
+BLOCK_SAMPLES = 65536
 """Readings that are computed at a time."""
 
 
@@ -229,11 +229,11 @@ class Twin:
             )
         with torch.no_grad():
             lines = self.acceleration(solver=solver).numpy()
-        for first in range(0, n_samples, BLOCK):
+        for first in range(0, n_samples, BLOCK_SAMPLES):
             angle = (
                 phase
                 + self.condition.speed
-                * np.arange(first, min(first + BLOCK, n_samples))
+                * np.arange(first, min(first + BLOCK_SAMPLES, n_samples))
                 / sample_rate
             )
             yield Recording(

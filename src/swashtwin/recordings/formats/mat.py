@@ -10,7 +10,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, load_extra, require_memory
 from swashtwin.recordings.formats.clock import extract_time
-from swashtwin.recordings.formats.npz import sort_variables
+from swashtwin.recordings.formats.named_arrays import sort_variables
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.recording import Recording
 
@@ -34,7 +34,7 @@ def read(path: Path, options: ReadOptions) -> RawFile:
     if h5py.is_hdf5(path):
         import h5py
 
-        from swashtwin.recordings.formats.hdf5 import require_local_data, require_local_links
+        from swashtwin.recordings.formats.hdf5_access import require_local_data, require_local_links
 
         with h5py.File(path, "r", locking=False) as file:
             require_local_links(path, file)

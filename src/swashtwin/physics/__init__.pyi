@@ -28,6 +28,7 @@ from .lost_contact import contact_lines as contact_lines
 from .lost_contact import riding_lines as riding_lines
 from .periodic import PeriodicTerm as PeriodicTerm
 from .periodic import periodic_steady_state as periodic_steady_state
+from .periodic import turning_force as turning_force
 from .steady import RK4 as RK4
 from .steady import HarmonicBalance as HarmonicBalance
 from .steady import SteadySolver as SteadySolver
@@ -39,3 +40,4 @@ from .twin.model import sensitivities as sensitivities
 from .twin.response import Scales as Scales
 from .twin.response import SensorPath as SensorPath
 from .twin.response import path_response as path_response
+from .twin.response import read_sensors as read_sensors

@@ -150,11 +150,13 @@ class _Iteration:
             self.orders, amplitudes[::2], amplitudes[1::2], strict=True
         ):
             if elastic is not None:
-                total = total + _modulated(elastic.mT if self.transposed else elastic, order, lines)
+                total = total + turning_force(
+                    elastic.mT if self.transposed else elastic, order, lines
+                )
             if viscous is not None and self.transposed:
-                total = total - rate * _modulated(viscous.mT, order, lines)
+                total = total - rate * turning_force(viscous.mT, order, lines)
             elif viscous is not None:
-                total = total + _modulated(viscous, order, rate * lines)
+                total = total + turning_force(viscous, order, rate * lines)
         return total * weight if self.transposed else total
 
 
@@ -203,8 +205,11 @@ def _parted(tensors: Sequence[Any]) -> tuple[Sequence[Tensor], Tensor, Sequence[
     return tensors[:4], tensors[4], tensors[5:]
 
 
-def _modulated(amplitude: Tensor, order: int, lines: Tensor) -> Tensor:
-    """One-sided lines of Re(amplitude exp(i order theta)) times the motion of one-sided `lines`."""
+def turning_force(amplitude: Tensor, order: int, lines: Tensor) -> Tensor:
+    """Return the force lines of a stiffness or damping that turns with the shaft.
+
+    One-sided lines of Re(amplitude exp(i order theta)) times the motion of one-sided `lines`.
+    """
     n = lines.shape[-2]
     positive = torch.cat([lines[..., :1, :].real.to(lines.dtype), lines[..., 1:, :] / 2], dim=-2)
     two_sided = torch.cat(

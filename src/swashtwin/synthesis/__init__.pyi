@@ -9,6 +9,8 @@ from .fidelity import discriminative_score as discriminative_score
 from .fidelity import measure_fidelity as measure_fidelity
 from .fidelity import spectral_distance as spectral_distance
 from .machine_check import require_same_machine as require_same_machine
+from .order_changes import OrderChanges as OrderChanges
+from .order_changes import simulate_changes as simulate_changes
 from .pump_prior import PumpPrior as PumpPrior
 from .pump_prior import operating_range as operating_range
 from .pump_prior import plausible_fault as plausible_fault
@@ -18,5 +20,3 @@ from .twin_windows import build_windows as build_windows
 from .twin_windows import require_count as require_count
 from .twin_windows import simulate_windows as simulate_windows
 from .twin_windows import synthesize as synthesize
-from .virtual_pump import OrderChanges as OrderChanges
-from .virtual_pump import simulate_changes as simulate_changes

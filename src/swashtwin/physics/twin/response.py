@@ -298,11 +298,26 @@ def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -
             solver, structure.mass, damping, stiffness, speed, force, terms
         )[:, 1:]
         frequency = frequency[1:]
-    shell = (
-        motion[..., None, :, SHELL] * structure.sensor_rows[:, None, SHELL]
-    )  # sensors sit on the shell
-    read = shell.sum(-1) * (-(frequency**2) * sensor[:, None])[:, None]
+    read = read_sensors(structure, frequency, motion, sensor)
     return read if drive.path is None else read * drive.path
+
+
+def read_sensors(
+    structure: Structure,
+    frequency: Float[Tensor, "*#row line"],
+    motion: Complex[Tensor, "row line 13"],
+    gain: Float[Tensor, " row"],
+) -> Complex[Tensor, "row sensor line"]:
+    """Return the lines of acceleration [m/s^2] that sensors on the shell read of a motion.
+
+    Parameters
+    ----------
+    frequency : angular frequency of the lines [rad/s], for all rows or for each.
+    gain : factor on what the sensors read, of each row.
+    """
+    # The sensors sit on the shell: the other degrees of freedom do not reach them.
+    shell = motion[..., None, :, SHELL] * structure.sensor_rows[:, None, SHELL]
+    return shell.sum(-1) * (-(frequency**2) * gain[:, None])[:, None]
 
 
 def require_positive(

@@ -51,5 +51,5 @@ def send_messages(url: str, folder: Path, target: Path) -> None:
             for message in history.outbox.claim(["log"], limit=5):
                 file.write(f"{message.id}\n")
                 file.flush()
-                history.outbox.sent(message.id)
+                history.outbox.mark_sent(message.id)
     history.close()

@@ -34,8 +34,10 @@ def course(
     point_judgments = []
     for number, rise in enumerate(rises, first):
         point_judgment = MONITOR.judge(machine.recording(number, rise=rise), state)
-        tables = (to_table(point_judgment.state.baseline), point_judgment.state.rest())
-        state = OperatingPointState.read(*(json.loads(json.dumps(table)) for table in tables))
+        tables = (to_table(point_judgment.state.baseline), point_judgment.state.test_table())
+        state = OperatingPointState.from_tables(
+            *(json.loads(json.dumps(table)) for table in tables)
+        )
         point_judgments.append(point_judgment)
     return point_judgments
 

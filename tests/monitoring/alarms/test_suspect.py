@@ -33,7 +33,7 @@ from swashtwin.monitoring.alarms.suspect import (
 )
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.page.watch_page import build_watch_page
-from swashtwin.monitoring.service import judging
+from swashtwin.monitoring.service import severities
 from swashtwin.recordings import Recording, write_recording
 
 POINT = OperatingPoint(157.08, None)
@@ -65,7 +65,7 @@ def named(
     try:
         return suspects.name(machine, point, state.baseline, recording)
     except PriorNotAdaptedError as needed:
-        suspects.adapt(needed.healthy)
+        suspects.adapt(needed.request)
         return suspects.name(machine, point, state.baseline, recording)
 
 
@@ -152,11 +152,11 @@ def measure_again(
         asked.append(question)
         return {"label": question.label, "sentence": sentence, "notes": [], **answer}
 
-    monkeypatch.setattr(judging, "measure_severity", measure_severity)
+    monkeypatch.setattr(severities, "measure_severity", measure_severity)
     history = History.open("", config.folder)
-    pipeline = judging.Pipeline(config, history)
-    pipeline.measure_severities(threading.Event())
-    pipeline.measure_severities(threading.Event())
+    measurer = severities.SeverityMeasurer(config, history)
+    measurer.measure_all(threading.Event())
+    measurer.measure_all(threading.Event())
     history.close()
     assert len(asked) == times
 

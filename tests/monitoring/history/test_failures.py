@@ -146,14 +146,14 @@ def test_a_claimed_message_is_due_again_after_its_lease(
     )
     assert history.outbox.claim(["log"]) == []
     assert history.outbox.waiting(["mail"]) == 0
-    history.outbox.failed(message.id, "no route", again_in=0)
+    history.outbox.mark_failed(message.id, "no route", again_in=0)
     assert history.outbox.claim(["mail"]) == ()
     monkeypatch.setattr("swashtwin.monitoring.history.history._LEASE", timedelta(0))
     (again,) = history.outbox.claim(["log"])
     assert (again.id, again.attempts, again.error) == (message.id, 3, "no route")
     (dead,) = history.outbox.claim(["log"])
     assert dead.attempts == 4
-    history.outbox.sent(dead.id)
+    history.outbox.mark_sent(dead.id)
     assert history.outbox.waiting(["log"]) == 0
 
 

@@ -20,6 +20,7 @@ from swashtwin.monitoring.config.config_file import load_watch_config
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.watch_page import build_watch_page
+from swashtwin.monitoring.service.filing import ModelVerdict
 from swashtwin.monitoring.service.judging import Pipeline
 from swashtwin.monitoring.sources.delivery import Delivery
 from swashtwin.monitoring.sources.spool import Spool
@@ -66,14 +67,14 @@ class Plant:
             recording = _recording(name, index, wear=wear, is_flat=index >= flat_from)
             label = "swash_plate" if wear else "normal"
             shares = dict.fromkeys(_CLASSES, 0.0175) | {label: 0.93}
-            verdict = {
-                "label": label,
-                "probability": 0.93,
-                "confidence": 0.97,
-                "model": "1c09f2a7d1e0b3c4",
-            }
-            answer = {**verdict, "answer": {"probabilities": shares}}
-            pipeline._diagnosed = lambda *_, answer=answer: dict(answer)
+            verdict = ModelVerdict(
+                model="1c09f2a7d1e0b3c4",
+                answer={"probabilities": shares},
+                label=label,
+                probability=0.93,
+                confidence=0.97,
+            )
+            pipeline._diagnose = lambda *_, verdict=verdict: verdict
             time = NOW - timedelta(hours=6 * (count - index))
             path = write_recording(recording, self.config.folder / f"{name}-{index}.h5")
             delivery = Delivery(

@@ -120,7 +120,7 @@ def test_a_fact_of_an_unknown_name_is_refused(sender: TestClient, spool: Spool, 
     )
     assert (
         answer.status_code,
-        "'sped' is no fact" in answer.json()["detail"],
+        "Unknown fact 'sped'" in answer.json()["detail"],
         spool.deliveries,
     ) == (422, True, [])
 

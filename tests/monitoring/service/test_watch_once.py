@@ -9,7 +9,7 @@ from watched_pumps import LEARNING, hum, watch_config, write_hum
 from swashtwin.monitoring import History, Outcome, run_watch
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
-from swashtwin.monitoring.service import judging, running
+from swashtwin.monitoring.service import filing, running
 from swashtwin.monitoring.sources.delivery import Delivery
 from swashtwin.monitoring.sources.spool import Spool
 from swashtwin.recordings import write_recording
@@ -77,7 +77,7 @@ def test_what_cannot_be_judged_is_filed_with_its_reason_and_stops_nothing(tmp_pa
     assert filed["cut.h5"] == filed["empty.wav"] == filed["notes.xyz"] == "broken"
     assert filed["slow.h5"] == filed["other.h5"] == "unfit"
     assert filed.keys() == rejected.keys()
-    assert "there are pump-1, pump-2" in rejected["stranger.h5"]
+    assert "the configuration has pump-1, pump-2" in rejected["stranger.h5"]
     copies = [path.name.split("-", 2)[2] for path in (config.folder / "rejected").iterdir()]
     assert sorted(copies) == sorted(name for name in rejected if name != "copy.h5")
 
@@ -104,7 +104,7 @@ def test_a_history_that_is_away_for_a_while_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config = watch_config(tmp_path)
-    monkeypatch.setattr(running, "_FIRST_PAUSE", 0.01)
+    monkeypatch.setattr(running, "FIRST_PAUSE_S", 0.01)
     machine, failures = (
         History.machine,
         [HistoryError("away"), OSError(28, "No space left on device")],
@@ -187,7 +187,7 @@ def test_a_file_that_vanished_from_the_spool_is_forgotten(tmp_path: Path) -> Non
 def test_a_machine_has_a_bounded_number_of_operating_points(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(judging, "_MOST_POINTS", 1)
+    monkeypatch.setattr(filing, "MAX_OPERATING_POINTS", 1)
     config = watch_config(tmp_path)
     spool = Spool(config.folder / "spool")
     for number, speed in enumerate(("1500 rpm", "1000 rpm", "1510 rpm")):

@@ -11,10 +11,11 @@ import pytest
 
 from swashtwin.foundation import DataError, MPa, rpm
 from swashtwin.monitoring.config.settings import Machine
-from swashtwin.monitoring.sources.contents import Tags, read_contents
+from swashtwin.monitoring.sources.contents import read_contents
 from swashtwin.monitoring.sources.delivery import Delivery, RejectionError
-from swashtwin.monitoring.sources.mqtt import read_message
+from swashtwin.monitoring.sources.message_format import read_message
 from swashtwin.monitoring.sources.spool import Spool, SpoolFile
+from swashtwin.monitoring.sources.tags import Tags
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
 
@@ -125,7 +126,8 @@ def test_a_speed_alone_is_kept_and_no_pressure_is_invented(deliver: Deliver) -> 
 
 
 @pytest.mark.parametrize(
-    ("year", "note"), [(2031, "lies ahead"), (9999, "lies ahead"), (1980, "before 1990")]
+    ("year", "note"),
+    [(2031, "lies in the future"), (9999, "lies in the future"), (1980, "before 1990")],
 )
 def test_a_time_that_cannot_be_is_replaced_by_that_of_arrival(
     deliver: Deliver, year: int, note: str

@@ -148,12 +148,12 @@ def test_a_file_that_is_too_large_is_not_read_and_stays(
     tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = folder_watch(tmp_path, deliveries, remove=True)
-    monkeypatch.setattr(folder, "LARGEST", 3)
+    monkeypatch.setattr(folder, "MAX_RECORDING_BYTES", 3)
     (tmp_path / "inbox" / "a.wav").write_bytes(b"1234")
     take(watch)
     take(watch)
     ((delivery, content),) = deliveries.items
-    assert delivery.problem == "it has 4 bytes; at most 3 are taken, so it stays in its folder."
+    assert delivery.problem == "it has 4 bytes; at most 3 are taken. The file stays in its folder."
     assert b"1234" not in content
     assert (tmp_path / "inbox" / "a.wav").exists()
 
@@ -162,9 +162,9 @@ def test_nothing_is_forgotten_while_a_share_is_away(tmp_path: Path) -> None:
     files, stamp = folder.TakenFiles(tmp_path / "taken.txt"), folder.Stamp(1, 2, 3)
     for number in range(1100):
         files.add(f"{number}.wav", stamp, b"1")
-    files.keep(set())
+    files.forget_missing(set())
     assert files.has("0.wav", stamp)
-    files.keep({"7.wav"})
+    files.forget_missing({"7.wav"})
     assert [files.has(name, stamp) for name in ("7.wav", "0.wav")] == [True, False]
 
 

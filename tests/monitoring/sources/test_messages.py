@@ -12,8 +12,9 @@ import pytest
 from mqtt_broker import wait_for
 
 from swashtwin.monitoring.config.settings import MqttSource
-from swashtwin.monitoring.sources.delivery import LARGEST, RejectionError
-from swashtwin.monitoring.sources.mqtt import MqttWatch, read_message, samples_recording
+from swashtwin.monitoring.sources.delivery import MAX_RECORDING_BYTES, RejectionError
+from swashtwin.monitoring.sources.message_format import read_message, samples_recording
+from swashtwin.monitoring.sources.mqtt import MqttWatch
 from swashtwin.recordings import ReadOptions
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
@@ -41,15 +42,16 @@ def test_a_message_states_its_machine_before_its_topic() -> None:
     ("payload", "reason"),
     [
         (b"", "no line of JSON"),
-        (b"[1]\n", "no JSON object"),
-        (b"{nonsense}\n", "no JSON"),
+        (b"[1]\n", "not a JSON object"),
+        (b"{nonsense}\n", "not valid JSON"),
         (b'{"a":' * 50_000 + b"\n", "no line of JSON"),
-        (b'{"rate": "25.6 kHz", "unit": "g"}\n', "states no channels"),
+        (b'{"rate": "25.6 kHz", "unit": "g"}\n', "does not specify channels"),
         (b'{"rate": 25600, "unit": "g", "channels": ["x"]}\n', "rate"),
         (b'{"machine": 7, "file": "a.wav"}\n', "machine must be text"),
-        (b'{"type": "float16"}\n', "is none of float32"),
-        (b'{"count": "many"}\n', "number of samples of each"),
-        ('{"file": "\ud800"}\n'.encode("utf-8", "surrogatepass"), "no JSON"),
+        (b'{"file": "", "rate": "25.6 kHz"}\n', "does not specify unit"),
+        (b'{"type": "float16"}\n', "must be one of float32"),
+        (b'{"count": "many"}\n', "number of samples per channel"),
+        ('{"file": "\ud800"}\n'.encode("utf-8", "surrogatepass"), "not valid JSON"),
     ],
 )
 def test_a_message_that_can_be_no_recording_is_delivered_with_the_reason(
@@ -92,7 +94,10 @@ def test_a_message_states_type_count_unit_and_sensitivity(
 
 @pytest.mark.parametrize(
     ("size", "count", "reason"),
-    [(-4, "32", "no whole number"), (None, "31", "32 float32 samples of .*, not 31")],
+    [
+        (-4, "32", "not a whole number"),
+        (None, "31", "32 float32 samples per channel, but specifies 31"),
+    ],
 )
 def test_samples_of_another_number_than_stated_are_refused(tmp_path, size, count, reason) -> None:
     (path := tmp_path / "message.f32").write_bytes(WAVE.astype("<f4").tobytes()[:size])
@@ -131,12 +136,12 @@ def test_messages_of_a_topic_are_recordings_of_its_machine_and_one_too_large_is_
 ) -> None:
     with watching(broker, deliveries):
         broker.publish("plant/pump-7/vibration", block(3))
-        broker.publish("plant/pump-7/vibration", block() + bytes(LARGEST))
+        broker.publish("plant/pump-7/vibration", block() + bytes(MAX_RECORDING_BYTES))
         wait_for(lambda: len(deliveries.items) == 2)
     assert names(deliveries)[0] == 3
     (delivery, _), (large, content) = deliveries.items
     assert (delivery.machine, large.machine, len(content)) == ("pump-7", "pump-7", 1 << 16)
-    assert f"at most {LARGEST} are taken" in str(large.problem)
+    assert f"at most {MAX_RECORDING_BYTES} are taken" in str(large.problem)
 
 
 def test_messages_that_come_while_the_watch_is_away_are_taken_when_it_is_back(

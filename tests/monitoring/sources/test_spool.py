@@ -41,11 +41,14 @@ def test_what_a_kill_left_half_written_is_removed_at_the_start_and_a_damaged_car
     next(tmp_path.glob("*.json")).write_text("{", encoding="utf-8")
     file = Spool(tmp_path).next(0.0)
     assert file is not None
-    assert (file.path.read_bytes(), file.delivery.problem) == (b"whole", "its card is damaged.")
+    assert (file.path.read_bytes(), file.delivery.problem) == (
+        b"whole",
+        "the card of the file is damaged.",
+    )
 
 
 def test_a_full_spool_takes_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(spool, "LIMIT", 1)
+    monkeypatch.setattr(spool, "MAX_WAITING", 1)
     waiting = Spool(tmp_path)
     waiting.add(delivery(), b"1")
     with pytest.raises(OSError, match="wait to be judged"):
@@ -78,9 +81,9 @@ def test_no_name_leads_out_of_the_spool(tmp_path: Path, file: str) -> None:
 @pytest.mark.parametrize(
     ("facts", "message"),
     [
-        ({"color": "red"}, "is no fact"),
+        ({"color": "red"}, "Unknown fact"),
         ({"speed": "-5 rpm"}, "above zero"),
-        ({"unit": "furlong"}, "none of"),
+        ({"unit": "furlong"}, "must be one of"),
         ({"time": "yesterday"}, "ISO 8601"),
         ({"time": "1970-01-01T00:00:00Z"}, "before 1990"),
         ({"unit": ""}, "must be text"),

@@ -218,7 +218,9 @@ class OperatingPointState:
     """Condition of the sensors' alarm."""
 
     @classmethod
-    def read(cls, baseline: Mapping[str, Any], rest: Mapping[str, Any]) -> "OperatingPointState":
+    def from_tables(
+        cls, baseline: Mapping[str, Any], rest: Mapping[str, Any]
+    ) -> "OperatingPointState":
         """The state of two tables, which the history keeps apart: the large one changes rarely."""
         return cls(
             read_baseline(baseline),
@@ -227,7 +229,7 @@ class OperatingPointState:
             from_table(rest["sensor"], AlarmState),
         )
 
-    def rest(self) -> dict[str, Any]:
+    def test_table(self) -> dict[str, Any]:
         """All but the baseline, as a table."""
         return {name: to_table(getattr(self, name)) for name in ("test", "pump", "sensor")}
 

@@ -217,7 +217,7 @@ class PriorNotAdaptedError(Exception):
 
     def __init__(self, healthy: PriorAdaptation) -> None:
         super().__init__()
-        self.healthy = healthy
+        self.request = healthy
 
 
 class Suspects:

@@ -69,7 +69,7 @@ class Outbox:
                 message.attempts += 1
         return messages
 
-    def sent(self, message: int) -> None:
+    def mark_sent(self, message: int) -> None:
         """Note that a message was sent."""
         with self._database.writing() as session:
             session.execute(
@@ -81,7 +81,7 @@ class Outbox:
                 delete(Message).where(Message.sent.is_not(None), Message.id <= message - _SENT)
             )
 
-    def failed(self, message: int, error: str, again_in: float) -> None:
+    def mark_failed(self, message: int, error: str, again_in: float) -> None:
         """Note why a message was not sent, and in how many seconds it is tried again."""
         due = datetime.now(UTC) + timedelta(seconds=again_in)
         with self._database.writing() as session:

@@ -22,9 +22,9 @@ from typing import Literal
 import msgspec
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
+from filelock import FileLock
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, from_table, to_table
-from swashtwin.monitoring.sources.spool import lock_file
 
 MIN_PASSWORD_LENGTH = 10
 """Minimum length of a password, in characters."""
@@ -216,7 +216,7 @@ def _editing(path: Path) -> Iterator[list[Entry]]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     lock_path = path.with_name(f".{path.name}.lock")
-    with lock_file(lock_path):
+    with FileLock(lock_path):
         _give_to_owner(lock_path, path)
         entries = _read_entries(path) if path.exists() else []
         yield entries

@@ -1,6 +1,4 @@
-"""The process: sources, one thread that judges, one that sends messages, and the page, until it is
-told to stop.
-"""
+"""The process of a watch: sources, judgment, messages and the page, each in a thread."""
 
 import hashlib
 import logging
@@ -16,11 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swashtwin.foundation import InputError, SwashTwinError, return_memory
-from swashtwin.monitoring.alarms.channels import AlarmMessage, send
 from swashtwin.monitoring.config.settings import FolderSource, HttpSource, MqttSource, WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
-from swashtwin.monitoring.history.schema import Message
+from swashtwin.monitoring.service.outbox_sender import OutboxSender
 from swashtwin.monitoring.sources.delivery import Delivery, check_facts
 from swashtwin.monitoring.sources.folder import FolderWatch
 from swashtwin.monitoring.sources.mqtt import MqttWatch
@@ -29,21 +26,20 @@ from swashtwin.monitoring.status import SourceStatus, WatchStatus
 
 if TYPE_CHECKING:
     from swashtwin.monitoring.service.judging import Outcome, Pipeline
+    from swashtwin.monitoring.service.severities import SeverityMeasurer
 
-_PATIENCE = 0.5
-"""Seconds between looks at whether to stop."""
-_FIRST_PAUSE, _LONGEST_PAUSE = 0.2, 15.0
-"""Seconds before a recording is tried again that the history did not take; each is twice the one
-before.
+POLL_INTERVAL_S = 0.5
+"""Time between two looks at whether to stop."""
+FIRST_PAUSE_S = 0.2
+"""Time before a recording that the history did not take is tried again; each further pause is twice
+the previous one.
 """
-_END = 20.0
-"""Seconds that threads have to come to their end."""
-_SWEEP = 600.0
-"""Seconds between two looks for waveforms that retention gave up, and between giving back
-memory.
-"""
-_FIRST_DELAY, _LONGEST_DELAY = 2.0, 600.0
-"""Seconds before another attempt at a message; each is twice the one before."""
+MAX_PAUSE_S = 15.0
+"""Longest pause: a history that is back is used within a quarter of a minute."""
+STOP_TIMEOUT_S = 20.0
+"""Time that each thread has to end; systemd kills a service after 90 s by default."""
+SWEEP_INTERVAL_S = 600.0
+"""Time between two searches for waveforms without a recording, and between returns of memory."""
 _log = logging.getLogger("swashtwin.watch")
 
 
@@ -59,97 +55,113 @@ class Watch:
         self._started = datetime.now(UTC)
         self._stop = threading.Event()
         self._spool = Spool(config.folder / "spool")
-        self._sender = Sender(config, history)
-        name = hashlib.sha256(
-            f"{socket.gethostname()} {config.folder.resolve()}".encode()
-        ).hexdigest()[:16]
+        self._sender = OutboxSender(config, history)
         self._sources: list[FolderWatch | MqttWatch] = []
         self._uploads: SourceStatus | None = None
-        for source in config.sources:
-            match source:
-                case FolderSource():
-                    self._sources.append(FolderWatch(source, self._spool.add, config.folder))
-                case MqttSource():
-                    self._sources.append(MqttWatch(source, self._spool.add, f"swashtwin-{name}"))
-                case HttpSource():
-                    self._uploads = SourceStatus(source.name, source.kind)
+        self._open_sources()
         self._counters = {"judged": 0.0, "rejected": 0.0, "failures": 0.0, "seconds_judging": 0.0}
         self._model_problems: list[str] = []
         self._history_problem: str | None = None
-        self._swept = -_SWEEP
+        self._last_sweep = -SWEEP_INTERVAL_S
+
+    def _open_sources(self) -> None:
+        # The name of an MQTT session must stay the same over restarts, and differ between watches.
+        identity = f"{socket.gethostname()} {self.config.folder.resolve()}"
+        digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
+
+        for source in self.config.sources:
+            match source:
+                case FolderSource():
+                    self._sources.append(FolderWatch(source, self._spool.add, self.config.folder))
+                case MqttSource():
+                    self._sources.append(MqttWatch(source, self._spool.add, f"swashtwin-{digest}"))
+                case HttpSource():
+                    self._uploads = SourceStatus(source.name, source.kind)
 
     def run(self, stop: threading.Event, started: Callable[[str], None]) -> None:
-        """Watch until `stop` is set."""
+        """Watch until `stop` is set.
+
+        Raises
+        ------
+        SwashTwinError
+            A thread ended unexpectedly: a watch without it would look alive and judge nothing.
+        """
         from swashtwin.monitoring.page.server import serving_page
         from swashtwin.monitoring.page.watch_page import build_watch_page
 
         page = self.config.page
         application = build_watch_page(self.config, self.history, self.upload, self.status)
         with serving_page(application, page.host, page.port):
-            tasks: dict[str, Callable[[], None]] = {
-                f"source {source.status.name}": partial(source.run, self._stop)
-                for source in self._sources
-            }
-            tasks |= {
-                "judge": self._judge_all,
-                "outbox": partial(self._sender.run, self._stop, self._sweep),
-            }
-            threads = [
-                threading.Thread(target=task, name=name, daemon=True)
-                for name, task in tasks.items()
-            ]
-            for thread in threads:
-                thread.start()
+            threads = self._start_threads()
             started(page.address)
             try:
-                while not stop.wait(_PATIENCE):
-                    if dead := [thread.name for thread in threads if not thread.is_alive()]:
-                        raise SwashTwinError(f"the thread {dead[0]!r} ended; see the log.")
+                while not stop.wait(POLL_INTERVAL_S):
+                    _require_alive(threads)
             finally:
                 self._stop.set()
                 for thread in threads:
-                    thread.join(_END)
+                    thread.join(STOP_TIMEOUT_S)
+
+    def _start_threads(self) -> list[threading.Thread]:
+        tasks: dict[str, Callable[[], None]] = {
+            f"source {source.status.name}": partial(source.run, self._stop)
+            for source in self._sources
+        }
+        tasks["judge"] = self._judge_all
+        tasks["outbox"] = partial(self._sender.run, self._stop, self._sweep)
+
+        threads = []
+        for name, task in tasks.items():
+            thread = threading.Thread(target=task, name=name, daemon=True)
+            thread.start()
+            threads.append(thread)
+        return threads
 
     def run_once(self, stop: threading.Event) -> None:
-        """Take and judge what the folders hold now and what waits in the spool, and send its
-        messages.
-        """
+        """Judge what the folders and the spool hold now, and send the messages of it."""
         pipeline = self._open_pipeline()
         folders = [source for source in self._sources if isinstance(source, FolderWatch)]
-        threads = [threading.Thread(target=source.drain, args=(stop,)) for source in folders]
+        threads = [threading.Thread(target=folder.drain, args=(stop,)) for folder in folders]
         for thread in threads:
             thread.start()
+
         while not stop.is_set() and (self._spool or any(thread.is_alive() for thread in threads)):
             self._judge_next(pipeline, stop)
         for thread in threads:
             thread.join()
+
+        # Alarms are reported before their severities are measured, which may take minutes.
         self._sender.send_all()
-        measuring = threading.Thread(target=self._measure, args=(pipeline, stop), daemon=True)
+        measurer = self._open_measurer()
+        measuring = threading.Thread(target=_measure_severities, args=(measurer, stop), daemon=True)
         measuring.start()
         while measuring.is_alive() and not stop.is_set():
-            measuring.join(_PATIENCE)
+            measuring.join(POLL_INTERVAL_S)
         self._sender.send_all()
+
         self._sweep()
 
     def upload(self, path: Path, name: str, machine: str | None, facts: Mapping[str, str]) -> str:
-        """SHA-256 of an uploaded file, which now waits in the spool.
+        """Put an uploaded file into the spool, and return its SHA-256.
 
         Raises
         ------
         InputError
-            No source takes uploads, or a fact cannot be read.
+            No source takes uploads, or a fact is invalid.
         OSError
             The disk or the spool is full.
         """
         if self._uploads is None:
-            raise InputError('this watch takes no uploads; add [[source]] with kind = "http".')
-        try:
-            digest = self._spool.add(
-                Delivery(
-                    self._uploads.name, name, datetime.now(UTC), machine or None, check_facts(facts)
-                ),
-                path,
+            raise InputError(
+                'This watch takes no uploads: add a [[source]] with kind = "http" to its '
+                "configuration."
             )
+
+        delivery = Delivery(
+            self._uploads.name, name, datetime.now(UTC), machine or None, check_facts(facts)
+        )
+        try:
+            digest = self._spool.add(delivery, path)
         except OSError as cause:
             self._uploads.fail(cause.strerror or str(cause))
             raise
@@ -157,14 +169,24 @@ class Watch:
         return digest
 
     def status(self) -> WatchStatus:
-        """How the watch is doing; without any look at the disk but for its free space."""
-        statuses = [source.status for source in self._sources] + (
-            [self._uploads] if self._uploads else []
-        )
+        """Return how the watch is doing.
+
+        Nothing but the free space is read from the disk, so that a health check stays fast.
+        """
+        statuses = [source.status for source in self._sources]
+        if self._uploads is not None:
+            statuses.append(self._uploads)
+
         problems = [
-            f"source {item.name}: {item.problem}" for item in statuses if item.problem is not None
+            f"source {status.name}: {status.problem}"
+            for status in statuses
+            if status.problem is not None
         ]
-        problems += filter(None, (self._history_problem, self._sender.problem))
+        for problem in (self._history_problem, self._sender.problem):
+            if problem:
+                problems.append(problem)
+        problems += self._model_problems
+
         return WatchStatus(
             started=self._started,
             waiting=len(self._spool),
@@ -172,42 +194,39 @@ class Watch:
             sources=tuple(statuses),
             free_bytes=shutil.disk_usage(self.config.folder).free,
             counters=dict(self._counters),
-            problems=(*problems, *self._model_problems),
+            problems=tuple(problems),
         )
 
     def _judge_all(self) -> None:
         pipeline = self._open_pipeline()
         if any(machine.calibration is not None for machine in self.config.machines):
+            # Nothing waits for this thread, not even the end of the watch.
             threading.Thread(
-                target=self._measure_all, args=(pipeline,), name="severity", daemon=True
+                target=self._measure_repeatedly,
+                args=(self._open_measurer(),),
+                name="severity",
+                daemon=True,
             ).start()
+
         while not self._stop.is_set():
             self._judge_next(pipeline, self._stop)
 
-    def _measure_all(self, pipeline: "Pipeline") -> None:
-        """Measure severities after recordings; nobody waits for this thread, not even the end."""
-        seen = -1.0
-        while not self._stop.wait(_PATIENCE):
-            judged = self._counters["judged"]
-            if judged != seen:
-                if self._measure(pipeline, self._stop):
-                    seen = judged
-                else:
-                    self._stop.wait(_LONGEST_PAUSE)
-
-    @staticmethod
-    def _measure(pipeline: "Pipeline", stop: threading.Event) -> bool:
-        """Whether all severities are measured, or nobody waits for them any more."""
-        try:
-            pipeline.measure_severities(stop)
-        except Exception as cause:  # the history is away, or has ended with the watch
-            _log.warning("no severity was measured: %s", cause)
-            return False
-        return True
+    def _measure_repeatedly(self, measurer: "SeverityMeasurer") -> None:
+        """Measure severities after new recordings."""
+        n_measured = -1.0
+        while not self._stop.wait(POLL_INTERVAL_S):
+            n_judged = self._counters["judged"]
+            if n_judged == n_measured:
+                continue
+            if _measure_severities(measurer, self._stop):
+                n_measured = n_judged
+            else:
+                self._stop.wait(MAX_PAUSE_S)
 
     def _open_pipeline(self) -> "Pipeline":
-        """What judges, with its models; importing it takes a second, in which the page answers
-        already.
+        """Return what judges recordings, with its models loaded.
+
+        Its import takes a second, in which the page already answers.
         """
         from swashtwin.monitoring.service.judging import Pipeline
 
@@ -215,83 +234,66 @@ class Watch:
         self._model_problems = pipeline.load_models()
         return pipeline
 
+    def _open_measurer(self) -> "SeverityMeasurer":
+        from swashtwin.monitoring.service.severities import SeverityMeasurer
+
+        return SeverityMeasurer(self.config, self.history)
+
     def _judge_next(self, pipeline: "Pipeline", stop: threading.Event) -> None:
-        """Judge the recording that waits longest, as often as it takes until the history has it."""
-        file = self._spool.next(_PATIENCE)
-        pause = _FIRST_PAUSE
-        while file is not None and not stop.is_set():
-            began = time.thread_time()
+        """Judge the recording that has waited longest, until the history has it."""
+        file = self._spool.next(POLL_INTERVAL_S)
+        if file is None:
+            return
+
+        pause = FIRST_PAUSE_S
+        while not stop.is_set():
+            thread_time = time.thread_time()
             try:
                 outcome = pipeline.judge(file)
                 self._spool.remove(file)
             except (HistoryError, OSError) as cause:
                 self._history_problem = f"waiting for the history: {cause}"
                 _log.warning("%s", self._history_problem)
-                if (
-                    not file.path.is_file()
-                ):  # somebody removed it, and no attempt will bring it back
+                if not file.path.is_file():
+                    # It was removed by somebody else, and no further attempt can judge it.
                     self._spool.remove(file)
                     return
                 stop.wait(pause)
-                pause = min(2 * pause, _LONGEST_PAUSE)
+                pause = min(2 * pause, MAX_PAUSE_S)
                 continue
+
             self._history_problem = None
-            self._counters["seconds_judging"] += time.thread_time() - began
+            self._counters["seconds_judging"] += time.thread_time() - thread_time
             self._counters["rejected" if outcome.state == "rejected" else "judged"] += 1
             self._counters["failures"] += outcome.has_failed
             self._progress(outcome)
             return
 
     def _sweep(self) -> None:
-        if time.monotonic() - self._swept >= _SWEEP:
-            self._swept = time.monotonic()
-            return_memory()
-            with suppress(HistoryError, OSError):
-                self.history.waveforms.sweep()
+        """Return memory to the system, and remove waveforms without a recording, now and then."""
+        now = time.monotonic()
+        if now - self._last_sweep < SWEEP_INTERVAL_S:
+            return
+        self._last_sweep = now
+        return_memory()
+        with suppress(HistoryError, OSError):
+            self.history.waveforms.sweep()
 
 
-class Sender:
-    """Sends what is in the outbox for the channels of one configuration; others' messages are left
-    to others.
-    """
+def _require_alive(threads: list[threading.Thread]) -> None:
+    for thread in threads:
+        if not thread.is_alive():
+            raise SwashTwinError(f"The thread {thread.name!r} ended unexpectedly; see the log.")
 
-    def __init__(self, config: WatchConfig, history: History) -> None:
-        self._history = history
-        self._channels = {channel.name: channel for channel in config.channels}
-        self._folder = config.folder
-        self.waiting = 0
-        """Messages that are not sent yet."""
-        self.problem: str | None = None
-        """What keeps the messages from being sent, in one line."""
 
-    def run(self, stop: threading.Event, every: Callable[[], None] = lambda: None) -> None:
-        """Send messages until `stop` is set; `every` is called at each look."""
-        while not stop.wait(_PATIENCE):
-            self.send_all()
-            every()
-
-    def send_all(self) -> None:
-        """Send what may be sent now."""
-        try:
-            while messages := self._history.outbox.claim(tuple(self._channels)):
-                for message in messages:
-                    self._send(message)
-            self.waiting = self._history.outbox.waiting(tuple(self._channels))
-            if not self.waiting:
-                self.problem = None
-        except HistoryError as cause:
-            self.problem = str(cause)
-
-    def _send(self, message: Message) -> None:
-        try:
-            send(AlarmMessage(**message.body), self._channels[message.channel], folder=self._folder)
-        except (SwashTwinError, OSError, ValueError, TypeError, KeyError) as cause:
-            self.problem = str(cause)
-            _log.warning("%s", self.problem)
-            delay = min(_FIRST_DELAY * 2.0 ** min(message.attempts, 20), _LONGEST_DELAY)
-            self._history.outbox.failed(message.id, str(cause), delay)
-        else:
-            self._history.outbox.sent(message.id)
+def _measure_severities(measurer: "SeverityMeasurer", stop: threading.Event) -> bool:
+    """Return whether all severities are measured; False if the history could not be used."""
+    try:
+        measurer.measure_all(stop)
+    except Exception as cause:  # a severity is no reason to end the watch
+        _log.warning("No severity was measured: %s", cause)
+        return False
+    return True
 
 
 def run_watch(
@@ -302,12 +304,12 @@ def run_watch(
     started: Callable[[str], None] = lambda address: None,
     progress: "Callable[[Outcome], None]" = lambda outcome: None,
 ) -> WatchStatus:
-    """How a watch ended that ran until `stop` was set, or once through what is there.
+    """Run a watch until `stop` is set, or once, and return its status at the end.
 
     Parameters
     ----------
     once : judge what the folders hold and return, without the page.
-    started : called with the page's address once everything runs.
+    started : called with the page's address when everything runs.
     progress : called with what became of each recording, in the thread that judges.
 
     Raises

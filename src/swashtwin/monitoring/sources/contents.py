@@ -1,15 +1,6 @@
-"""The recording in a spool file, with what the file, its message, the tags and the configuration
-say of it.
+"""The recording in a spool file, with the facts of its file, its delivery and the configuration."""
 
-Tags are operating points that another system wrote down: a CSV of times with speeds and pressures.
-"""
-
-import csv
 import math
-import time as clock
-from bisect import bisect_right
-from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from errno import EDQUOT, EMFILE, ENFILE, ENOSPC
@@ -18,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, SwashTwinError, parse_quantity, read_text
+from swashtwin.foundation import DataError, InputError, SwashTwinError, parse_quantity
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.sources.delivery import (
     QUANTITIES,
@@ -28,94 +19,23 @@ from swashtwin.monitoring.sources.delivery import (
     read_time,
     safe_name,
 )
-from swashtwin.monitoring.sources.mqtt import SAMPLES, samples_recording
+from swashtwin.monitoring.sources.message_format import SAMPLES_SUFFIX, samples_recording
 from swashtwin.monitoring.sources.spool import SpoolFile
+from swashtwin.monitoring.sources.tags import Tags
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import ReadOptions, Recording, load_recording, stem_of
 
-_AHEAD = timedelta(minutes=5)
-"""How far a recording's time may lie ahead of our clock."""
-_RATE_TOLERANCE = 1e-3
-_PASSING = (ENOSPC, EDQUOT, EMFILE, ENFILE)
-"""Errors of the computer and not of a file."""
-_OLDEST = timedelta(hours=1)
-"""Age of a tag up to which it still holds."""
-_SETTLED = 10.0
-"""Time [s] since its last change after which a file's last line is whole, with a line break or
-without.
-"""
-_USUAL_UNITS = {"speed": "rpm", "pressure": "MPa", "temperature": "degC"}
-
-
-class Tags:
-    """Operating points of a machine by time; the file is read again when it changed.
-
-    Its first line names the columns ``time`` and at least one of ``speed``, ``pressure`` and
-    ``temperature``. A number without a unit is in rpm, MPa or degC.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._stamp: tuple[int, int, bool] | None = None
-        self._times: list[datetime] = []
-        self._facts: list[dict[str, str]] = []
-
-    def at(self, time: datetime) -> Mapping[str, str]:
-        """Facts of the last line at or before `time`; none where that is older than an hour.
-
-        Raises
-        ------
-        DataError
-            The file is missing or a line of it cannot be read.
-        """
-        try:
-            stat = self._path.stat()
-        except OSError as cause:
-            raise DataError(
-                f"{self._path} (tags) cannot be read: {cause.strerror or cause}."
-            ) from cause
-        is_still = clock.time() - stat.st_mtime > _SETTLED
-        stamp = (stat.st_size, stat.st_mtime_ns, is_still)
-        if self._stamp != stamp:
-            rows = _read_tags(self._path, is_still)
-            self._times, self._facts, self._stamp = (
-                [row[0] for row in rows],
-                [row[1] for row in rows],
-                stamp,
-            )
-        index = bisect_right(self._times, time) - 1
-        return self._facts[index] if index >= 0 and time - self._times[index] <= _OLDEST else {}
-
-
-def _read_tags(path: Path, is_still: bool) -> list[tuple[datetime, dict[str, str]]]:
-    rows = []
-    text = read_text(path)
-    whole = (
-        text if is_still else text[: text.rfind("\n") + 1]
-    )  # a line without its end may be half written
-    reader = csv.DictReader(whole.splitlines())
-    names = [name.strip() for name in reader.fieldnames or ()]
-    if "time" not in names or not _USUAL_UNITS.keys() & set(names):
-        raise DataError(f"{path} (tags) must begin with a line such as time,speed,pressure.")
-    reader.fieldnames = names
-    for row in reader:
-        try:
-            rows.append((read_time((row["time"] or "").strip()), _tagged(row)))
-        except InputError as cause:
-            raise DataError(f"{path} (tags), line {reader.line_num}: {cause}") from cause
-    return sorted(rows, key=lambda row: row[0])
-
-
-def _tagged(row: Mapping[str, str | None]) -> dict[str, str]:
-    facts = {}
-    for name, unit in _USUAL_UNITS.items():
-        text = (row.get(name) or "").strip()
-        if text:
-            with suppress(ValueError):  # it has a unit
-                text = f"{float(text)!r} {unit}"
-            parse_quantity(text, QUANTITIES[name][1], name=name)
-            facts[name] = text
-    return facts
+MAX_TIME_AHEAD = timedelta(minutes=5)
+"""How far a recording's time may lie ahead of this computer's clock."""
+RATE_TOLERANCE = 1e-3
+"""Relative difference of two sample rates that count as equal: clocks of instruments differ."""
+TEMPORARY_ERRORS = (ENOSPC, EDQUOT, EMFILE, ENFILE)
+"""Errors of the computer, not of a file: the recording may be read later."""
+READ_OPTIONS = (
+    "sample_rate", "unit", "sensitivity", "channels", "names", "time_column", "time_unit", "header_lines", "separator",
+    "decimal",
+)  # fmt: skip
+"""Facts of a machine's files, by the names that they have in an index."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,112 +43,144 @@ class Contents:
     """A recording that can be judged."""
 
     recording: Recording
-    """Its samples in memory; its condition, or its attribute ``speed``, as far as anything states
-    them.
+    """The recording with its samples in memory, and with its condition (or its attribute ``speed``)
+    if any source specifies them.
     """
     time: datetime
-    """When it was recorded (UTC)."""
+    """When it was measured (UTC)."""
     digest: str
-    """Hash of what was recorded, whatever the file is called. A recording without any signal counts
-    as another one at another time.
+    """Hash of what was measured, whatever the file is called. Recordings without a signal are
+    distinguished by their time.
     """
     notes: tuple[str, ...]
-    """What a reader should know of its time and its tags."""
+    """What a reader should know of its time and its operating point."""
 
 
 def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Contents:
-    """The recording in a spool file.
+    """Return the recording in a spool file.
 
     Raises
     ------
-    UnfitError
-        It cannot be read, or has other channels, another rate or another unit than the machine's.
+    RejectionError
+        The file cannot be read, or its channels, sample rate or unit are not those of the machine.
     OSError
-        The disk is full, or too many files are open: it may be read later.
+        The disk is full, or too many files are open; the file may be read later.
     """
     delivery = file.delivery
     if delivery.problem is not None:
         raise RejectionError("broken", delivery.problem)
+
     try:
         recording = _load(file, machine)
-        signal = recording.signal  # which reads the samples
-        time, notes = _time(delivery)
-        recording, tag_notes = _with_condition(recording, delivery, machine, tags, time)
+        signal = recording.signal  # reads the samples
+        time, time_notes = _measurement_time(delivery)
+        recording, condition_notes = _with_condition(recording, delivery, machine, tags, time)
     except RejectionError:
         raise
     except OSError as cause:
-        if cause.errno in _PASSING:
+        if cause.errno in TEMPORARY_ERRORS:
             raise
         raise RejectionError(
             "broken", f"{delivery.file} cannot be read: {cause.strerror or cause}"
         ) from cause
     except (SwashTwinError, MemoryError) as cause:
-        text = str(cause) or "it takes more memory than there is."
+        text = str(cause) or "reading the file takes more memory than is available."
+        # The path in the spool means nothing to a reader.
         raise RejectionError("broken", text.replace(str(file.path), delivery.file)) from cause
+
     digest = recording.fingerprint()
-    if signal.size and np.all(signal == signal[:, :1]):
+    has_no_signal = signal.size and np.all(signal == signal[:, :1])
+    if has_no_signal:
+        # All recordings of a dead sensor have the same samples, and are no duplicates.
         digest = sha256(f"{digest} {time.isoformat()}".encode()).hexdigest()
-    return Contents(recording, time, digest, (*notes, *tag_notes))
+    return Contents(recording, time, digest, (*time_notes, *condition_notes))
 
 
 def _load(file: SpoolFile, machine: Machine) -> Recording:
-    delivery, stated = file.delivery, entry_facts(file.delivery.facts)
-    name = stem_of(Path(safe_name(delivery.file))) or "recording"
-    if file.path.name.endswith(SAMPLES):
-        recording = samples_recording(
-            file.path, delivery.facts, name, ReadOptions(sensitivity=machine.sensitivity)
-        )
-        if missing := [
-            channel for channel in machine.channels if channel not in recording.channels
-        ]:
-            others = ", ".join(recording.channels)
-            raise RejectionError("broken", f"it has no channel {missing[0]!r}; it has {others}.")
-        recording = recording.select_channels(machine.channels or recording.channels)
-    else:
-        if "type" in delivery.facts:
-            raise RejectionError(
-                "broken", "a type is of samples behind a line of JSON; a file says that of its own."
-            )
-        usual = {
-            key: value
-            for key in _READING
-            if (value := getattr(machine, key)) not in (None, ()) and key not in stated
-        }
-        if "speed" not in stated:  # a pressure alone is joined with a speed afterwards
-            stated.pop("discharge_pressure", None)
-        recording = load_recording(file.path, id=name, **stated, **usual)
-        if (count := delivery.facts.get("count")) and recording.n_samples != int(count):
-            raise RejectionError(
-                "broken", f"it has {recording.n_samples} samples of each channel, not {count}."
-            )
+    is_message = file.path.name.endswith(SAMPLES_SUFFIX)
+    recording = _load_message(file, machine) if is_message else _load_file(file, machine)
+
     rate = machine.sample_rate
-    if rate is not None and abs(recording.sample_rate / rate - 1) > _RATE_TOLERANCE:
+    if rate is not None and abs(recording.sample_rate / rate - 1) > RATE_TOLERANCE:
         raise RejectionError(
             "broken",
-            f"its rate is {recording.sample_rate:g} Hz, that of {machine.name} {rate:g} Hz.",
+            f"the sample rate is {recording.sample_rate:g} Hz, but that of {machine.name} is "
+            f"{rate:g} Hz.",
         )
     return recording
 
 
-_READING = (
-    "sample_rate", "unit", "sensitivity", "channels", "names", "time_column", "time_unit", "header_lines", "separator",
-    "decimal",
-)  # fmt: skip
-"""Facts of a machine's files, by the names that they have in an index."""
+def _load_message(file: SpoolFile, machine: Machine) -> Recording:
+    recording = samples_recording(
+        file.path,
+        file.delivery.facts,
+        _recording_id(file.delivery),
+        ReadOptions(sensitivity=machine.sensitivity),
+    )
+    for channel in machine.channels:
+        if channel not in recording.channels:
+            raise RejectionError(
+                "broken",
+                f"there is no channel {channel!r}; the recording has "
+                f"{', '.join(recording.channels)}.",
+            )
+    return recording.select_channels(machine.channels or recording.channels)
 
 
-def _time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:
-    stated = delivery.facts.get("time")
-    if stated is None:
+def _load_file(file: SpoolFile, machine: Machine) -> Recording:
+    delivery = file.delivery
+    if "type" in delivery.facts:
+        raise RejectionError(
+            "broken",
+            "type is a fact of samples behind a line of JSON; a file specifies its own type.",
+        )
+
+    delivered_facts = entry_facts(delivery.facts)
+    if "speed" not in delivered_facts:
+        # A pressure alone is joined with a speed of another source in `_with_condition`.
+        delivered_facts.pop("discharge_pressure", None)
+
+    # The delivery knows its file better than the configuration of the machine.
+    configured_facts = {}
+    for name in READ_OPTIONS:
+        value = getattr(machine, name)
+        if name not in delivered_facts and value not in (None, ()):
+            configured_facts[name] = value
+
+    recording = load_recording(
+        file.path, id=_recording_id(delivery), **delivered_facts, **configured_facts
+    )
+    count = delivery.facts.get("count")
+    if count is not None and recording.n_samples != int(count):
+        raise RejectionError(
+            "broken",
+            f"the file has {recording.n_samples} samples per channel, "
+            f"but the delivery specifies {count}.",
+        )
+    return recording
+
+
+def _recording_id(delivery: Delivery) -> str:
+    return stem_of(Path(safe_name(delivery.file))) or "recording"
+
+
+def _measurement_time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:
+    """Return when a recording was measured, and what a reader should know of that."""
+    text = delivery.facts.get("time")
+    if text is None:
         return delivery.received, ()
+
     try:
-        time = read_time(stated)
-    except (
-        InputError
-    ) as cause:  # the date of a file; what a message or an upload states was checked
-        return delivery.received, (f"{cause} The time of its arrival counts.",)
-    if time - delivery.received > _AHEAD:
-        note = f"It says it was recorded at {time:%Y-%m-%d %H:%M:%S}, which lies ahead: the time of its arrival counts."
+        time = read_time(text)
+    except InputError as cause:
+        # Only the time of a file can be invalid here: that of a message or an upload was checked.
+        return delivery.received, (f"{cause} Its time of arrival is used.",)
+
+    if time - delivery.received > MAX_TIME_AHEAD:
+        note = (
+            f"The specified time {time:%Y-%m-%d %H:%M:%S} lies in the future; "
+            "the time of arrival is used."
+        )
         return delivery.received, (note,)
     return min(time, delivery.received), ()
 
@@ -236,33 +188,52 @@ def _time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:
 def _with_condition(
     recording: Recording, delivery: Delivery, machine: Machine, tags: Tags | None, time: datetime
 ) -> tuple[Recording, tuple[str, ...]]:
-    """The recording at its operating point: of the file, else of the message, the tags, or the
+    """Return the recording with its operating point, and notes for the reader.
+
+    In this order, the first source that specifies a quantity counts: file, delivery, tags,
     configuration.
     """
     if recording.condition is not None:
         return recording, ()
-    stated = {"speed": machine.speed, "discharge_pressure": machine.discharge_pressure}
-    values: dict[str, float] = {name: value for name, value in stated.items() if value is not None}
+
+    values, notes = _condition_values(delivery, machine, tags, time)
+    if "speed" in recording.attributes:
+        values["speed"] = parse_quantity(recording.attributes["speed"], "rad/s", name="speed")
+    if "speed" not in values:
+        return recording, notes
+
+    if "discharge_pressure" in values:
+        try:
+            return recording.replace(condition=OperatingCondition(**values)), notes
+        except InputError as cause:
+            raise RejectionError("broken", str(cause)) from cause
+
+    speed = f"{values['speed'] * 30 / math.pi!r} rpm"
+    return recording.replace(attributes={**recording.attributes, "speed": speed}), notes
+
+
+def _condition_values(
+    delivery: Delivery, machine: Machine, tags: Tags | None, time: datetime
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return the quantities of `OperatingCondition` [SI] that are specified outside of the file."""
+    values: dict[str, float] = {}
+    if machine.speed is not None:
+        values["speed"] = machine.speed
+    if machine.discharge_pressure is not None:
+        values["discharge_pressure"] = machine.discharge_pressure
+
+    texts: dict[str, str] = {}
     notes: tuple[str, ...] = ()
-    texts = {
-        name: text for name, text in delivery.facts.items() if name in QUANTITIES and name != "rate"
-    }
     if tags is not None:
         try:
-            texts = {**tags.at(time), **texts}
+            texts.update(tags.at(time))
         except DataError as cause:
             notes = (str(cause),)
+    for name, text in delivery.facts.items():
+        if name in QUANTITIES and name != "rate":
+            texts[name] = text
+
     for name, text in texts.items():
         key, unit = QUANTITIES[name]
         values[key] = parse_quantity(text, unit, name=name)
-    if "speed" in recording.attributes:
-        values["speed"] = parse_quantity(recording.attributes["speed"], "rad/s", name="speed")
-    try:
-        if {"speed", "discharge_pressure"} <= values.keys():
-            return recording.replace(condition=OperatingCondition(**values)), notes
-    except InputError as cause:
-        raise RejectionError("broken", str(cause)) from cause
-    if "speed" in values:
-        speed = f"{values['speed'] * 30 / math.pi!r} rpm"
-        return recording.replace(attributes={**recording.attributes, "speed": speed}), notes
-    return recording, notes
+    return values, notes

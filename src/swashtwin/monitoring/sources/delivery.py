@@ -1,4 +1,4 @@
-"""A recording as a source hands it over: a file, what was said of it, and when it came."""
+"""A recording as a source hands it over: a file, what is known of it, and when it arrived."""
 
 import math
 import re
@@ -19,16 +19,26 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
 }
 """Facts that are quantities: the key of an index entry that each is, and its SI unit."""
 FACTS = ("time", "unit", "sensitivity", "channels", "count", "type", *QUANTITIES)
-"""What a message or an upload may state of its recording."""
-TYPES: Mapping[str, str] = {"float32": "<f4", "float64": "<f8", "int16": "<i2", "int32": "<i4"}
-"""Types of samples behind a message's line, and how numpy calls them."""
-LARGEST = 64 << 20
-"""Bytes of a recording; larger ones are not taken, so that memory stays bounded."""
-_LONGEST = 2000
+"""Facts that a message or an upload may specify of its recording."""
+SAMPLE_TYPES: Mapping[str, str] = {
+    "float32": "<f4",
+    "float64": "<f8",
+    "int16": "<i2",
+    "int32": "<i4",
+}
+"""Types of the samples in a message, and their names in numpy."""
+MAX_RECORDING_BYTES = 64 << 20
+"""Bytes of a recording; larger ones are refused, so that memory stays bounded."""
+MAX_FACT_LENGTH = 2000
 """Characters of a fact."""
-_LONGEST_NAME = 100
-_LONGEST_STATED = 300
-_EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)
+MAX_NAME_LENGTH = 100
+"""Characters of a file name; with the key of the spool it stays below the 255 bytes of a disk."""
+MAX_DELIVERED_NAME_LENGTH = 300
+"""Characters of a file's or machine's name as delivered, which the history keeps."""
+MAX_SHOWN_LENGTH = 60
+"""Characters of a wrong value in a message."""
+MIN_TIME = datetime(1990, 1, 1, tzinfo=UTC)
+"""Earliest time of a recording: clocks that were never set start in 1970 or 1980."""
 
 
 class RejectionError(DataError):
@@ -46,38 +56,38 @@ class Delivery:
     source: str
     """Name of the source."""
     file: str
-    """Name of the file, which tells its format by its suffix."""
+    """Name of the file; its suffix decides the format."""
     received: datetime
-    """When it came (UTC)."""
+    """When the file arrived (UTC)."""
     machine: str | None = None
-    """Machine that the source states."""
+    """Machine that the source specifies."""
     facts: Mapping[str, str] = field(default_factory=dict)
     """Further facts as text, by the names of `FACTS`."""
     problem: str | None = None
-    """Why it can be no recording, where that showed when it came."""
+    """Why the file cannot be a recording, if that was known when it arrived."""
 
     def __post_init__(self) -> None:
+        # A database takes neither a NUL nor half of a surrogate pair.
         for name in ("file", "machine"):
-            if (
-                text := getattr(self, name)
-            ) is not None:  # a database takes neither a NUL nor half a character
-                object.__setattr__(self, name, escape_controls(text)[:_LONGEST_STATED])
+            text = getattr(self, name)
+            if text is not None:
+                shortened = escape_controls(text)[:MAX_DELIVERED_NAME_LENGTH]
+                object.__setattr__(self, name, shortened)
 
 
 Accept = Callable[[Delivery, bytes | Path], str]
-"""Takes a delivery and its content, bytes or a file that may be moved; returns the content's
-SHA-256 once it is safe on the disk. Raises OSError where it is not, and the source offers it again
-later.
+"""Takes a delivery and its content (bytes, or a file that may be moved), and returns the SHA-256 of
+the content when it is safe on the disk. If it raises OSError, the source offers the delivery again.
 """
 
 
 def check_facts(facts: Mapping[str, Any]) -> dict[str, str]:
-    """The facts as text, refused where a name is unknown or a text cannot be read.
+    """Return the facts as text, after each was checked.
 
     Raises
     ------
     InputError
-        A fact that is unknown, no text, too long, or of another unit.
+        A fact is unknown, not text, too long, or invalid.
 
     Examples
     --------
@@ -86,39 +96,47 @@ def check_facts(facts: Mapping[str, Any]) -> dict[str, str]:
     """
     for name, text in facts.items():
         if name not in FACTS:
+            raise InputError(f"Unknown fact {_shorten(name)}: use one of {', '.join(FACTS)}.")
+        if not isinstance(text, str) or not text.strip() or len(text) > MAX_FACT_LENGTH:
             raise InputError(
-                f"{_short(name)} is no fact of a recording; there are {', '.join(FACTS)}."
-            )
-        if not isinstance(text, str) or not text.strip() or len(text) > _LONGEST:
-            raise InputError(
-                f"{name} = {_short(text)} must be text of at most {_LONGEST} characters."
+                f"{name} = {_shorten(text)} must be text of 1 to {MAX_FACT_LENGTH} characters."
             )
         if name in QUANTITIES:
-            value = parse_quantity(text, QUANTITIES[name][1], name=name)
-            if not math.isfinite(value) or value <= 0:
-                raise InputError(f"{name} = {_short(text)} must be above zero.")
-            if name == "rate" and not SAMPLE_RATE_RANGE_HZ[0] <= value <= SAMPLE_RATE_RANGE_HZ[1]:
-                raise InputError(
-                    f"rate = {_short(text)} must lie between {SAMPLE_RATE_RANGE_HZ[0]:g} and {SAMPLE_RATE_RANGE_HZ[1]:g} Hz."
-                )
-        if read := {"time": read_time, "unit": require_sample_unit}.get(name):
-            read(text)
+            _check_quantity(name, text)
+        elif name == "time":
+            read_time(text)
+        elif name == "unit":
+            require_sample_unit(text)
         elif name == "count" and not (text.isdecimal() and int(text) > 0):
             raise InputError(
-                f"count = {_short(text)} must be the number of samples of each channel, such as 8192."
+                f"count = {_shorten(text)} must be the number of samples per channel, such as 8192."
             )
-        elif name == "type" and text not in TYPES:
-            raise InputError(f"type = {_short(text)} is none of {', '.join(TYPES)}.")
+        elif name == "type" and text not in SAMPLE_TYPES:
+            raise InputError(f"type = {_shorten(text)} must be one of {', '.join(SAMPLE_TYPES)}.")
+
     return {name: plain_text(text) for name, text in facts.items()}
 
 
+def _check_quantity(name: str, text: str) -> None:
+    _, unit = QUANTITIES[name]
+    value = parse_quantity(text, unit, name=name)
+    if not math.isfinite(value) or value <= 0:
+        raise InputError(f"{name} = {_shorten(text)} must be above zero.")
+
+    min_rate, max_rate = SAMPLE_RATE_RANGE_HZ
+    if name == "rate" and not min_rate <= value <= max_rate:
+        raise InputError(
+            f"rate = {_shorten(text)} must lie between {min_rate:g} and {max_rate:g} Hz."
+        )
+
+
 def read_time(text: str) -> datetime:
-    """The time (UTC) of a text in ISO 8601; one without a zone is UTC.
+    """Return the time (UTC) of a text in ISO 8601; a text without a zone is in UTC.
 
     Raises
     ------
     InputError
-        It is no such time, or before 1990.
+        The text is not a time, or the time is before 1990.
 
     Examples
     --------
@@ -130,24 +148,29 @@ def read_time(text: str) -> datetime:
         time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
     except (ValueError, OverflowError):
         raise InputError(
-            f'time = {_short(text)} must be ISO 8601, such as "2026-11-23T14:00:00Z".'
+            f'time = {_shorten(text)} must be ISO 8601, such as "2026-11-23T14:00:00Z".'
         ) from None
-    if time < _EARLIEST:
-        raise InputError(f"time = {_short(text)} lies before 1990; is the sensor's clock set?")
+
+    if time < MIN_TIME:
+        raise InputError(
+            f"time = {_shorten(text)} lies before 1990. Check the clock of the sensor."
+        )
     return time
 
 
 def entry_facts(facts: Mapping[str, str]) -> dict[str, Any]:
-    """Facts of a delivery as those of an index entry, but for its time.
+    """Return the facts of a delivery as those of an index entry, without its time.
 
     Examples
     --------
     >>> entry_facts({"rate": "25.6 kHz", "channels": "x, y", "time": "2026-11-23T14:00:00Z"})
     {'sample_rate': '25.6 kHz', 'names': ['x', 'y']}
     """
-    entry: dict[str, Any] = {
-        QUANTITIES[name][0]: text for name, text in facts.items() if name in QUANTITIES
-    }
+    entry: dict[str, Any] = {}
+    for name, text in facts.items():
+        if name in QUANTITIES:
+            key, _ = QUANTITIES[name]
+            entry[key] = text
     if "unit" in facts:
         entry["unit"] = facts["unit"]
     if "sensitivity" in facts:
@@ -158,24 +181,25 @@ def entry_facts(facts: Mapping[str, str]) -> dict[str, Any]:
 
 
 def channel_names(text: str) -> list[str]:
-    """Names between commas."""
+    """Return the names between commas."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def safe_name(text: str) -> str:
-    """The last part of a stated file name, its suffix in place, that no system takes for more than
-    a file.
+    """Return the last part of a delivered file name, as a plain name on every system.
+
+    The suffix stays, since it decides the format.
 
     Examples
     --------
     >>> safe_name("../../etc/pump 1.WAV"), safe_name("C:\\\\data\\\\a.csv"), safe_name("..")
     ('pump_1.WAV', 'a.csv', 'recording')
     """
-    last = re.split(r"[/\\]", plain_text(text))[-1]
-    name = re.sub(r"[^\w.+-]", "_", last).lstrip(".")
-    return name[-_LONGEST_NAME:].lstrip(".") or "recording"
+    file_name = re.split(r"[/\\]", plain_text(text))[-1]
+    name = re.sub(r"[^\w.+-]", "_", file_name).lstrip(".")
+    return name[-MAX_NAME_LENGTH:].lstrip(".") or "recording"
 
 
-def _short(value: object) -> str:
+def _shorten(value: object) -> str:
     text = repr(value)
-    return text if len(text) <= 60 else f"{text[:60]}..."
+    return text if len(text) <= MAX_SHOWN_LENGTH else f"{text[:MAX_SHOWN_LENGTH]}..."

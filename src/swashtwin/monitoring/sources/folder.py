@@ -1,9 +1,9 @@
-"""A folder, on this disk or on a network share, in which others put files of recordings.
+"""A folder, on this disk or on a network share, in which other programs put recordings.
 
-A file is taken once its size and its time of change have stood still for a while: shares tell
-nobody when a file is closed. What was taken is remembered by path, size, time of change and
-content, so that a restart takes nothing twice, and a file that grew or was replaced after all is
-taken again. No clock but the monotonic one decides.
+A file is taken when its size and its time of change have stayed the same for a while: a network
+share does not report when a file is closed. The path, size, time of change and content of each
+taken file are remembered, so that a restart takes nothing twice, and a file that grew or was
+replaced later is taken again. Only the monotonic clock decides, since others are set back.
 """
 
 import hashlib
@@ -11,7 +11,7 @@ import json
 import os
 import threading
 import time
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Mapping, Set
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatch
@@ -20,202 +20,250 @@ from typing import NamedTuple
 
 from swashtwin.foundation import atomic_write, safe_file_name
 from swashtwin.monitoring.config.settings import FolderSource
-from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Delivery
+from swashtwin.monitoring.sources.delivery import MAX_RECORDING_BYTES, Accept, Delivery
 from swashtwin.monitoring.status import SourceStatus
 
-_UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", ".swp")
-"""Suffixes that programs give to files they are still writing."""
-_ASIDE = ".swashtwin-taken"
+UNFINISHED_SUFFIXES = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", ".swp")
+"""Suffixes that programs give to files that they are still writing."""
+REMOVAL_SUFFIX = ".swashtwin-taken"
 """Suffix of a file that is about to be removed."""
-_POLLS = 4
-"""Looks at the folder in the time for which a file must stand still."""
-_LONGEST_PAUSE = 2.0
-"""Longest time [s] between two looks."""
-_LATEST = datetime(9999, 12, 31, tzinfo=UTC).timestamp()
-"""Latest time [s] that is stated of a file; one before 1970 is stated as 1970."""
-_DEEPEST = 8
-"""Levels of sub-folders that are looked into."""
+POLLS_PER_SETTLE_TIME = 4
+"""Looks at the folder in the time for which a file must stay the same."""
+MIN_POLL_INTERVAL_S = 0.02
+MAX_POLL_INTERVAL_S = 2.0
+"""Longest time between two looks, so that a long settle time does not delay the first look."""
+MAX_DEPTH = 8
+"""Depth of sub-folders that are searched, so that a share with a loop is not searched forever."""
+MAX_FILE_TIME_S = datetime(9999, 12, 31, tzinfo=UTC).timestamp()
+"""Latest time of a file that Python can represent; a broken file system may state any number."""
+COMPACTION_SURPLUS = 1000
+"""Lines of files that are gone which the list of taken files may hold beyond those still there."""
+DIGEST_LENGTH = 16
+"""Hexadecimal digits of a content's digest: 64 bits tell two versions of one file apart."""
 
 
 class Stamp(NamedTuple):
-    """What shows that a file has changed: its bytes, its date [ns], and when it or what is known of
-    it changed [ns], which no copying program sets.
-    """
+    """What shows that a file has changed."""
 
     size: int
+    """Size [bytes]."""
     changed: int
+    """Time of its last change [ns since 1970], which a copying program may set."""
     touched: int
+    """Time at which the file or its metadata changed [ns since 1970], which no program can set."""
 
 
 class FolderWatch:
     """Takes the files of one folder."""
 
     def __init__(self, source: FolderSource, accept: Accept, folder: Path) -> None:
-        """Watch `source`; what was taken is remembered in `folder`."""
+        """Watch `source`, and remember in `folder` what was taken."""
         self.status = SourceStatus(source.name, source.kind)
         self._source = source
         self._accept = accept
         self._taken = TakenFiles(folder / "taken" / f"{safe_file_name(source.name)}.txt")
         self._waiting: dict[str, tuple[Stamp, float]] = {}
-        """Files that are not taken yet, and since when [s] each has stood still."""
+        """Files that are not taken yet, and since when [s] each has stayed the same."""
         self._is_settling = False
         """Whether a file may be ready at a later look."""
         self._problems: dict[str, str] = {}
-        """Files that cannot be read or removed, while they are there."""
-        self._left_out: list[str] = []
-        """Sub-folders that the last look left out, and why."""
-        self._may_put_back = source.remove
-        """Whether files that lie aside are what a kill left, and not those that a source removes
-        now.
+        """Files that cannot be read or removed, as long as they exist."""
+        self._skipped_folders: list[str] = []
+        """Sub-folders that the last look skipped, and why."""
+        self._may_restore = source.remove
+        """Whether a file with the removal suffix was left by a kill; later it may be one that this
+        source removes at the moment.
         """
 
     def run(self, stop: threading.Event) -> None:
         """Look into the folder until `stop` is set."""
-        pause = min(_LONGEST_PAUSE, max(0.02, self._source.settle_time / _POLLS))
+        interval = min(MAX_POLL_INTERVAL_S, self._poll_interval())
         while not stop.is_set():
-            began = time.monotonic()
+            start = time.monotonic()
             self.poll()
-            stop.wait(
-                max(pause, time.monotonic() - began)
-            )  # a slow share is looked at half of the time
+            # A slow share is searched at most half of the time.
+            stop.wait(max(interval, time.monotonic() - start))
 
     def drain(self, stop: threading.Event) -> None:
-        """Take every file that is there now, and return when none is left that may still change."""
+        """Take every file that is there now; return when none is left that may still change."""
         while (self.poll() and self._waiting) or self._is_settling:
-            if stop.wait(max(0.02, self._source.settle_time / _POLLS)):
+            if stop.wait(self._poll_interval()):
                 return
 
+    def _poll_interval(self) -> float:
+        return max(MIN_POLL_INTERVAL_S, self._source.settle_time / POLLS_PER_SETTLE_TIME)
+
     def poll(self) -> int:
-        """Files that were taken at this look."""
+        """Look into the folder once, and return how many files were taken."""
         self._is_settling = False
+        self._skipped_folders.clear()
         try:
-            self._left_out.clear()
-            stamps = dict(self._walk(self._source.path, 0))
-            self._may_put_back = False
+            stamps = dict(self._walk(self._source.path, depth=0))
         except OSError as cause:
             self.status.fail(f"{self._source.path} cannot be read: {cause.strerror or cause}")
             return 0
+        self._may_restore = False
+
+        ready_files = self._find_ready_files(stamps)
+        self._problems = {
+            path: problem for path, problem in self._problems.items() if path in stamps
+        }
+
+        count = 0
+        problem = None
+        try:
+            # After an incomplete search, a file that was not seen may still be there.
+            if not self._skipped_folders:
+                self._taken.forget_missing(stamps.keys())
+            for path in ready_files:
+                count += self._take(Path(path), stamps[path])
+        except OSError as cause:
+            problem = cause.strerror or str(cause)
+
+        self._report(count, problem)
+        return count
+
+    def _find_ready_files(self, stamps: Mapping[str, Stamp]) -> list[str]:
+        """Return the files that have stayed the same for the settle time, oldest first."""
         now = time.monotonic()
-        still = {
-            path: self._waiting.get(path, (None, now))
-            for path in stamps
-            if not self._taken.has(path, stamps[path])
-        }
-        self._waiting = {
-            path: (stamps[path], since if stamp == stamps[path] else now)
-            for path, (stamp, since) in still.items()
-        }
-        ready = [
+        previously_waiting = self._waiting
+        self._waiting = {}
+        for path, stamp in stamps.items():
+            if self._taken.has(path, stamp):
+                continue
+            previous_stamp, since = previously_waiting.get(path, (None, now))
+            self._waiting[path] = (stamp, since if stamp == previous_stamp else now)
+
+        ready_files = [
             path
             for path, (_, since) in self._waiting.items()
             if now - since >= self._source.settle_time
         ]
-        self._is_settling = len(ready) < len(self._waiting)
-        self._problems = {
-            path: problem for path, problem in self._problems.items() if path in stamps
-        }
-        count, problem = 0, None
-        try:
-            if not self._left_out:
-                self._taken.keep(stamps.keys())
-            for path in sorted(ready, key=lambda name: (stamps[name].changed, name)):
-                count += self._take(Path(path), stamps[path])
-        except OSError as cause:
-            problem = cause.strerror or str(cause)
+        self._is_settling = len(ready_files) < len(self._waiting)
+        return sorted(ready_files, key=lambda path: (stamps[path].changed, path))
+
+    def _report(self, count: int, problem: str | None) -> None:
         self.status.received += count
-        problem = problem or next(iter((*self._problems.values(), *self._left_out)), None)
+        problems = [*self._problems.values(), *self._skipped_folders]
         if problem is not None:
-            self.status.fail(problem)
+            problems.insert(0, problem)
+
+        if problems:
+            self.status.fail(problems[0])
         else:
             self.status.succeed()
-        return count
 
     def _take(self, path: Path, stamp: Stamp) -> bool:
-        """Whether the file was taken; one that changed meanwhile is not. What is too large is taken
-        as a problem.
-        """
+        """Return whether the file was taken; one that changed in the meantime is not."""
         problem = None
         try:
-            if stamp.size > LARGEST:
-                problem = f"it has {stamp.size} bytes; at most {LARGEST} are taken, so it stays in its folder."
+            if stamp.size > MAX_RECORDING_BYTES:
+                problem = (
+                    f"it has {stamp.size} bytes; at most {MAX_RECORDING_BYTES} are taken. "
+                    "The file stays in its folder."
+                )
+                # The message stands for the content, which is not read into memory.
                 content = f"{path}: {problem}\n".encode(errors="replace")
             else:
                 with path.open("rb") as file:
                     content = file.read(stamp.size)
+
             if _stamp(path.stat()) != stamp:
                 self._is_settling = True
                 return False
-            if self._taken.is_same(str(path), stamp, content):  # touched by a backup, say
+            if self._taken.is_same(str(path), stamp, content):
+                # Only its metadata changed, for example by a backup.
                 self._taken.add(str(path), stamp, content)
                 self._waiting.pop(str(path), None)
                 return False
-        except OSError as cause:  # removed again, or locked by the program that writes it
+        except OSError as cause:
+            # The file was removed, or is locked by the program that writes it.
             self._problems[str(path)] = f"{path} cannot be read: {cause.strerror or cause}"
             return False
-        time = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(
-            seconds=min(max(stamp.changed / 1e9, 0), _LATEST)
-        )
-        facts = {"time": time.isoformat()}
-        machine, parts = self._source.machine, path.relative_to(self._source.path).parts
-        if machine is None and len(parts) > 1:
-            machine = parts[0]
-        delivery = Delivery(
-            self._source.name, path.name, datetime.now(UTC), machine, facts, problem
-        )
-        self._accept(delivery, content)
+
+        self._accept(self._delivery(path, stamp, problem), content)
+
+        # From here on the file is safe in the spool.
         self._waiting.pop(str(path), None)
         self._problems.pop(str(path), None)
-        if problem is not None or not self._source.remove or not self._is_removed(path, content):
+        is_removed = problem is None and self._source.remove and self._remove(path, content)
+        if not is_removed:
             self._taken.add(str(path), stamp, content)
         return True
 
-    def _is_removed(self, path: Path, content: bytes) -> bool:
-        """Whether the file that was taken is gone; one that came in its place or grew meanwhile
-        stays, to be taken.
+    def _delivery(self, path: Path, stamp: Stamp, problem: str | None) -> Delivery:
+        machine = self._source.machine
+        parts = path.relative_to(self._source.path).parts
+        if machine is None and len(parts) > 1:
+            machine = parts[0]
+
+        seconds = min(max(stamp.changed / 1e9, 0), MAX_FILE_TIME_S)
+        time_changed = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+        return Delivery(
+            source=self._source.name,
+            file=path.name,
+            received=datetime.now(UTC),
+            machine=machine,
+            facts={"time": time_changed.isoformat()},
+            problem=problem,
+        )
+
+    def _remove(self, path: Path, content: bytes) -> bool:
+        """Return whether the taken file was removed.
+
+        A file that replaced it or grew in the meantime stays, to be taken.
         """
-        aside = path.with_name(f".{path.name}{_ASIDE}")
+        renamed = path.with_name(f".{path.name}{REMOVAL_SUFFIX}")
         try:
-            path.rename(aside)  # at once, so that what is looked at is what is removed
-            if aside.read_bytes() == content:
-                aside.unlink()
+            # The rename is atomic, so what is compared is what is removed.
+            path.rename(renamed)
+            if renamed.read_bytes() == content:
+                renamed.unlink()
                 return True
-            _put_back(aside)
+            _restore(renamed)
         except OSError as cause:
             self._problems[str(path)] = (
                 f"{path} was taken, but cannot be removed: {cause.strerror or cause}"
             )
-            _put_back(aside)
+            _restore(renamed)
         return False
 
     def _walk(self, folder: Path, depth: int) -> Iterator[tuple[str, Stamp]]:
+        """Yield path and stamp of each file that the source takes."""
         try:
             entries = list(os.scandir(folder))
         except OSError as cause:
-            if not depth:
+            if depth == 0:
                 raise
-            self._left_out.append(f"{folder} cannot be read: {cause.strerror or cause}")
+            self._skipped_folders.append(f"{folder} cannot be read: {cause.strerror or cause}")
             return
+
         for entry in entries:
-            if (
-                self._may_put_back
-                and entry.name.endswith(_ASIDE)
-                and self._matches(_name_before(entry.name))
-            ):
-                _put_back(Path(entry.path))
+            if self._is_interrupted_removal(entry.name):
+                _restore(Path(entry.path))
             if entry.name.startswith((".", "~")) or entry.is_symlink():
                 continue
+
             if entry.is_dir(follow_symlinks=False):
-                if depth < _DEEPEST:
+                if depth < MAX_DEPTH:
                     yield from self._walk(Path(entry.path), depth + 1)
                 else:
-                    self._left_out.append(
-                        f"{entry.path} lies deeper than {_DEEPEST} folders and is not looked into"
+                    self._skipped_folders.append(
+                        f"{entry.path} lies deeper than {MAX_DEPTH} folders and is not searched"
                     )
             elif entry.is_file(follow_symlinks=False) and self._matches(entry.name):
                 yield entry.path, _stamp(entry.stat(follow_symlinks=False))
 
+    def _is_interrupted_removal(self, name: str) -> bool:
+        return (
+            self._may_restore
+            and name.endswith(REMOVAL_SUFFIX)
+            and self._matches(_original_name(name))
+        )
+
     def _matches(self, name: str) -> bool:
-        return fnmatch(name, self._source.pattern) and not name.lower().endswith(_UNFINISHED)
+        is_finished = not name.lower().endswith(UNFINISHED_SUFFIXES)
+        return is_finished and fnmatch(name, self._source.pattern)
 
 
 class TakenFiles:
@@ -224,45 +272,57 @@ class TakenFiles:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._files: dict[str, tuple[Stamp, str]] = {}
-        self._lines = 0
+        self._n_lines = 0
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_file():
-            for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-                self._lines += 1
-                try:
-                    name, size, changed, touched, digest = json.loads(line)
-                except (ValueError, TypeError):
-                    continue  # a kill cut it off: its file is taken again, and filed as double
-                self._files[name] = Stamp(size, changed, touched), digest
+            self._load()
+
+    def _load(self) -> None:
+        text = self._path.read_text(encoding="utf-8", errors="replace")
+        for line in text.splitlines():
+            self._n_lines += 1
+            try:
+                name, size, changed, touched, digest = json.loads(line)
+            except (ValueError, TypeError):
+                # A kill cut the line off: its file is taken again, and rejected as a duplicate.
+                continue
+            self._files[name] = (Stamp(size, changed, touched), digest)
 
     def has(self, path: str, stamp: Stamp) -> bool:
-        """Whether the file was taken as it is now."""
+        """Return whether the file was taken with this stamp."""
         return path in self._files and self._files[path][0] == stamp
 
     def is_same(self, path: str, stamp: Stamp, content: bytes) -> bool:
-        """Whether the file was taken with this size, date and content, whatever has touched it
-        since.
+        """Return whether the file was taken with this size, time and content.
+
+        Its metadata may have changed since.
         """
-        before, digest = self._files.get(path, (None, ""))
-        return before is not None and before[:2] == stamp[:2] and digest == _digest(content)
+        if path not in self._files:
+            return False
+        taken_stamp, digest = self._files[path]
+        has_same_stamp = (taken_stamp.size, taken_stamp.changed) == (stamp.size, stamp.changed)
+        return has_same_stamp and digest == _digest(content)
 
     def add(self, path: str, stamp: Stamp, content: bytes) -> None:
         """Remember a file."""
-        self._files[path] = stamp, _digest(content)
-        self._lines += 1
+        self._files[path] = (stamp, _digest(content))
+        self._n_lines += 1
         with self._path.open("a", encoding="utf-8") as file:
             file.write(self._line(path))
 
-    def keep(self, paths: Set[str]) -> None:
-        """Forget files that are gone, once they are most of what is remembered; none where all are:
-        a share is away.
+    def forget_missing(self, paths: Set[str]) -> None:
+        """Forget the files that are gone, when they are the majority of the list.
+
+        If no file is there at all, the share is most likely unreachable, and nothing is forgotten.
         """
-        if not paths or self._lines < 2 * len(self._files.keys() & paths) + 1000:
+        n_present = len(self._files.keys() & paths)
+        if not paths or self._n_lines < 2 * n_present + COMPACTION_SURPLUS:
             return
-        self._files = {path: known for path, known in self._files.items() if path in paths}
+
+        self._files = {path: entry for path, entry in self._files.items() if path in paths}
         with atomic_write(self._path) as temporary:
             temporary.write_text("".join(map(self._line, self._files)), encoding="utf-8")
-        self._lines = len(self._files)
+        self._n_lines = len(self._files)
 
     def _line(self, path: str) -> str:
         stamp, digest = self._files[path]
@@ -270,26 +330,26 @@ class TakenFiles:
 
 
 def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:16]
+    return hashlib.sha256(content).hexdigest()[:DIGEST_LENGTH]
 
 
-def _name_before(name: str) -> str:
-    return name.removeprefix(".").removesuffix(_ASIDE)
+def _original_name(renamed_name: str) -> str:
+    return renamed_name.removeprefix(".").removesuffix(REMOVAL_SUFFIX)
 
 
-def _put_back(aside: Path) -> None:
-    """Give a file that was set aside its name again, or a name beside it where another has come."""
-    path = aside.with_name(_name_before(aside.name))
-    beside = path.with_stem(f"{path.stem}-{time.time_ns()}")
+def _restore(renamed: Path) -> None:
+    """Give a file its original name again, or a similar one if a new file has that name."""
+    path = renamed.with_name(_original_name(renamed.name))
+    similar_path = path.with_stem(f"{path.stem}-{time.time_ns()}")
     with suppress(OSError):
         try:
-            os.link(aside, path)  # which replaces nothing, as a change of its name would
+            os.link(renamed, path)  # a link replaces nothing, unlike a rename
         except FileExistsError:
-            aside.rename(beside)
-        except OSError:  # a disk without links
-            aside.rename(beside if path.exists() else path)
+            renamed.rename(similar_path)
+        except OSError:  # a file system without links
+            renamed.rename(similar_path if path.exists() else path)
         else:
-            aside.unlink()
+            renamed.unlink()
 
 
 def _stamp(stat: os.stat_result) -> Stamp:

@@ -1,179 +1,48 @@
 """Recordings from an MQTT broker: each message is acknowledged once it is on the disk, and not
 before.
 
-The session is persistent and the quality of service 1: the broker keeps what comes while the watch
-is away, and sends again what it did not acknowledge. paho is used directly, since aiomqtt 2
-acknowledges a message before it is handed over.
-
-A message is a line of JSON, then samples or a whole file. The line states ``rate``, ``unit``,
-``channels`` (a list of names), ``type`` and what else is known by the names of `FACTS`.
-Little-endian samples of that type follow, all channels of the first instant, then of the second.
-Where the line states ``file``, a name such as ``"a.wav"``, the bytes of such a file follow instead.
+The session is persistent and the quality of service 1: the broker keeps what arrives while the
+watch does not run, and sends again what was not acknowledged. paho is used directly because
+aiomqtt 2 acknowledges a message before it is handed over.
 """
 
-import json
 import threading
 import time
-from collections.abc import Mapping
-from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from swashtwin.foundation import (
-    DataError,
-    InputError,
-    parse_quantity,
-    plural,
-    require_modules,
-    safe_file_name,
-)
+from swashtwin.foundation import require_modules, safe_file_name
 from swashtwin.monitoring.config.settings import Broker, MqttSource
-from swashtwin.monitoring.sources.delivery import (
-    LARGEST,
-    TYPES,
-    Accept,
-    Delivery,
-    RejectionError,
-    channel_names,
-    check_facts,
-    entry_facts,
-)
+from swashtwin.monitoring.sources.delivery import MAX_RECORDING_BYTES, Accept
+from swashtwin.monitoring.sources.message_format import read_message
 from swashtwin.monitoring.status import SourceStatus
-from swashtwin.recordings import RawFile, ReadOptions, Recording, resolve_scaling
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client, MQTTMessage
 
+FIRST_PAUSE_S = 0.5
+"""Time before the second attempt to connect; each further pause is twice the previous one."""
+MAX_PAUSE_S = 10.0
+"""Longest pause between two attempts."""
+KEEPALIVE_S = 30
+"""Time after which the broker is asked whether it is still there."""
+SESSION_EXPIRY_S = 0xFFFFFFFF
+"""Time for which the broker keeps the session; this number stands for "never expires" in MQTT 5."""
+MAX_PACKET_BYTES = 4 * MAX_RECORDING_BYTES - 1
+"""Bytes of a message that the broker may send; MQTT allows no more.
 
-SAMPLES = ".f32"
-"""Suffix of the samples of a message in the spool."""
-_LONGEST_HEADER = 1 << 16
-
-
-def read_message(
-    payload: bytes, source: str, received: datetime, machine: str | None
-) -> tuple[Delivery, bytes]:
-    """(what the message says of its recording, the content behind its first line).
-
-    A message that cannot be one is a delivery with its `problem`, and its payload as content; of
-    one that is too large the beginning.
-
-    Parameters
-    ----------
-    machine : machine that the topic or the configuration names, where the message does not.
-    """
-    if len(payload) > LARGEST:
-        problem = f"a message has {len(payload)} bytes; at most {LARGEST} are taken: send shorter recordings."
-        return Delivery(source, "message.bin", received, machine, {}, problem=problem), payload[
-            :_LONGEST_HEADER
-        ]
-    try:
-        header, content = _header(payload)
-        stated = header.pop("machine", machine)
-        if stated is not None and not (isinstance(stated, str) and stated):
-            raise InputError('machine must be text, such as "pump-1".')
-        name = header.pop("file", None)
-        if name is not None and not isinstance(name, str):
-            raise InputError('file must be text, such as "a.wav".')
-        for key in ("channels", "sensitivity"):
-            if isinstance(texts := header.get(key), list):
-                header[key] = ",".join(map(str, texts))
-        if type(count := header.get("count")) is int:
-            header["count"] = str(count)
-        facts = check_facts(header)
-        if name is None and (
-            missing := [key for key in ("rate", "unit", "channels", "type") if key not in facts]
-        ):
-            raise InputError(f"its first line states no {missing[0]}.")
-    except (InputError, DataError) as cause:
-        return Delivery(
-            source, "message.bin", received, machine, {}, problem=f"a message is broken: {cause}"
-        ), payload
-    return Delivery(source, name or f"message{SAMPLES}", received, stated, facts), content
-
-
-def _header(payload: bytes) -> tuple[dict[str, Any], bytes]:
-    end = payload.find(b"\n", 0, _LONGEST_HEADER)
-    if end < 0:
-        raise InputError("it has no line of JSON before its samples.")
-    try:
-        header = json.loads(payload[:end].decode("utf-8"))
-    except (ValueError, RecursionError):
-        raise InputError("its first line is no JSON.") from None
-    if not isinstance(header, dict):
-        raise InputError("its first line is no JSON object.")
-    return header, payload[end + 1 :]
-
-
-def samples_recording(
-    path: Path, facts: Mapping[str, str], name: str, options: ReadOptions
-) -> Recording:
-    """The recording of a message's samples, in the spool at `path`.
-
-    Parameters
-    ----------
-    options : what the configuration says of the machine's recordings; the message comes first.
-
-    Raises
-    ------
-    UnfitError
-        The samples are no whole number of instants, or not as many as stated.
-    DataError
-        The unit and the sensitivity do not fit.
-    """
-    channels, kind, data = channel_names(facts["channels"]), facts["type"], path.read_bytes()
-    size = np.dtype(TYPES[kind]).itemsize
-    if not channels or not data or len(data) % (size * len(channels)):
-        raise RejectionError(
-            "broken",
-            f"{len(data)} bytes are no whole number of {kind} samples of {plural(len(channels), 'channel')}.",
-        )
-    samples = np.frombuffer(data, TYPES[kind]).reshape(-1, len(channels)).T
-    if "count" in facts and samples.shape[1] != int(facts["count"]):
-        raise RejectionError(
-            "broken",
-            f"it has {samples.shape[1]} {kind} samples of each channel, not {facts['count']}.",
-        )
-    raw = RawFile(
-        dict(zip(channels, samples, strict=True)), units=dict.fromkeys(channels, facts["unit"])
-    )
-    sensitivity = entry_facts(facts).get("sensitivity", options.sensitivity)
-    factors, unit = resolve_scaling(
-        raw, replace(options, sensitivity=sensitivity), channels, "the message"
-    )
-    scaled = samples * np.array(factors)[:, None]
-    return Recording(
-        scaled,
-        parse_quantity(facts["rate"], "Hz", name="rate"),
-        name,
-        channels=tuple(channels),
-        unit=unit,
-    )
-
-
-_FIRST_PAUSE, _LONGEST_PAUSE = 0.5, 10.0
-"""Seconds before another attempt to connect; each is twice the one before."""
-_KEEPALIVE = 30
-_FOREVER = 0xFFFFFFFF
-"""Seconds for which the broker keeps the session: no end."""
-_LARGEST_PACKET = 4 * LARGEST - 1
-"""Bytes of a message that the broker may send, the most that MQTT allows: what is above `LARGEST`
-is filed as broken, since a broker that may not send a message says so to nobody.
+A message above `MAX_RECORDING_BYTES` is received and rejected, since a broker drops a message that
+it may not send without reporting it.
 """
-_IN_FLIGHT = 4
-"""Messages that the broker sends before one is acknowledged; with their size the bound of
-memory.
-"""
+MAX_IN_FLIGHT = 4
+"""Messages that the broker sends before one is acknowledged; with their size it bounds memory."""
 
 
 class MqttWatch:
     """Takes the messages of one subscription."""
 
     def __init__(self, source: MqttSource, accept: Accept, client: str) -> None:
-        """Watch `source`; `client` names the session where the configuration does not.
+        """Watch `source`; `client` names the session if the configuration does not.
 
         Raises
         ------
@@ -183,46 +52,52 @@ class MqttWatch:
         self.status = SourceStatus(source.name, source.kind)
         self._source = source
         self._accept = accept
-        self._session = source.client or f"{client}-{safe_file_name(source.name)}"
-        self._client = broker_client(source, self._session, manual_ack=True)
+        session_name = source.client or f"{client}-{safe_file_name(source.name)}"
+        self._client = broker_client(source, session_name, manual_ack=True)
         self._client.on_connect = self._on_connect
         self._client.on_subscribe = self._on_subscribe
         self._client.on_message = self._on_message
 
     def run(self, stop: threading.Event) -> None:
         """Stay connected until `stop` is set."""
+        threading.Thread(target=self._disconnect_at, args=(stop,), daemon=True).start()
+
+        pause = FIRST_PAUSE_S
+        while not stop.is_set():
+            start = time.monotonic()
+            try:
+                self._connect()
+                self._client.loop_forever(retry_first_connection=False)
+            except (OSError, ValueError) as cause:
+                self._fail(str(cause))
+            else:
+                # A failure that a callback reported says more than the end of the connection.
+                if not stop.is_set() and self.status.problem is None:
+                    self._fail("the connection was lost")
+
+            was_connected_long = time.monotonic() - start > MAX_PAUSE_S
+            pause = FIRST_PAUSE_S if was_connected_long else min(2 * pause, MAX_PAUSE_S)
+            stop.wait(pause)
+
+    def _disconnect_at(self, stop: threading.Event) -> None:
+        stop.wait()
+        self._client.disconnect()
+
+    def _connect(self) -> None:
         from paho.mqtt.packettypes import PacketTypes
         from paho.mqtt.properties import Properties
 
         properties = Properties(PacketTypes.CONNECT)
-        properties.SessionExpiryInterval = _FOREVER
-        properties.MaximumPacketSize = _LARGEST_PACKET
-        properties.ReceiveMaximum = _IN_FLIGHT
-        client = self._client
-        threading.Thread(target=lambda: stop.wait() and client.disconnect(), daemon=True).start()
-        pause = _FIRST_PAUSE
-        while not stop.is_set():
-            began = time.monotonic()
-            try:
-                client.connect(
-                    self._source.host,
-                    self._source.port,
-                    _KEEPALIVE,
-                    clean_start=False,
-                    properties=properties,
-                )
-                client.loop_forever(retry_first_connection=False)
-            except (OSError, ValueError) as cause:
-                self._fail(str(cause))
-            else:
-                if not stop.is_set() and self.status.problem is None:
-                    self._fail("the connection was lost")
-            pause = (
-                _FIRST_PAUSE
-                if time.monotonic() - began > _LONGEST_PAUSE
-                else min(2 * pause, _LONGEST_PAUSE)
-            )
-            stop.wait(pause)
+        properties.SessionExpiryInterval = SESSION_EXPIRY_S
+        properties.MaximumPacketSize = MAX_PACKET_BYTES
+        properties.ReceiveMaximum = MAX_IN_FLIGHT
+        self._client.connect(
+            self._source.host,
+            self._source.port,
+            KEEPALIVE_S,
+            clean_start=False,
+            properties=properties,
+        )
 
     def _fail(self, reason: str) -> None:
         self.status.fail(f"broker {self._source.host}:{self._source.port}: {reason}")
@@ -233,45 +108,42 @@ class MqttWatch:
         if reason.is_failure:
             self._fail(f"refused the connection ({reason})")
             return
-        topic = (
-            self._source.topic
-            if self._source.group is None
-            else f"$share/{self._source.group}/{self._source.topic}"
-        )
+
+        topic = self._source.topic
+        if self._source.group is not None:
+            topic = f"$share/{self._source.group}/{topic}"
         # A retained message comes with the first subscription only, not with each connection.
-        client.subscribe(
-            topic,
-            options=SubscribeOptions(qos=1, retainHandling=SubscribeOptions.RETAIN_SEND_IF_NEW_SUB),
-        )
+        options = SubscribeOptions(qos=1, retainHandling=SubscribeOptions.RETAIN_SEND_IF_NEW_SUB)
+        client.subscribe(topic, options=options)
 
     def _on_subscribe(
         self, client: "Client", _: Any, __: Any, reasons: list[Any], ___: Any
     ) -> None:
         if any(reason.is_failure for reason in reasons):
-            self._fail(f"refused the subscription of {self._source.topic} ({reasons[0]})")
+            self._fail(f"refused the subscription to {self._source.topic} ({reasons[0]})")
             client.disconnect()
         else:
             self.status.succeed()
 
     def _on_message(self, client: "Client", _: Any, message: "MQTTMessage") -> None:
-        machine = self._source.machine or _machine_of(self._source.topic, message.topic)
+        machine = self._source.machine or _machine_of_topic(self._source.topic, message.topic)
         delivery, content = read_message(
             bytes(message.payload), self._source.name, datetime.now(UTC), machine
         )
         try:
             self._accept(delivery, content)
-        except (
-            OSError
-        ) as cause:  # not acknowledged: the broker sends it again on the next connection
+        except OSError as cause:
+            # Without an acknowledgment the broker sends the message again on the next connection.
             self.status.fail(cause.strerror or str(cause))
             client.disconnect()
             return
+
         client.ack(message.mid, message.qos)
         self.status.succeed(1)
 
 
 def broker_client(broker: Broker, name: str = "", *, manual_ack: bool = False) -> "Client":
-    """A client that may log in to a broker, not connected yet.
+    """Return a client that can log in to a broker; it is not connected yet.
 
     Raises
     ------
@@ -296,13 +168,15 @@ def broker_client(broker: Broker, name: str = "", *, manual_ack: bool = False) -
     return client
 
 
-def _machine_of(subscription: str, topic: str) -> str | None:
-    """Level of a topic that the first ``+`` of the subscription stands for.
+def _machine_of_topic(subscription: str, topic: str) -> str | None:
+    """Return the part of a topic that stands for the first ``+`` of the subscription.
 
     Examples
     --------
-    >>> _machine_of("plant/+/vibration", "plant/pump-1/vibration")
+    >>> _machine_of_topic("plant/+/vibration", "plant/pump-1/vibration")
     'pump-1'
     """
-    levels = subscription.split("/")
-    return topic.split("/")[levels.index("+")] if "+" in levels else None
+    subscription_parts = subscription.split("/")
+    if "+" not in subscription_parts:
+        return None
+    return topic.split("/")[subscription_parts.index("+")]

@@ -15,17 +15,20 @@ from datetime import UTC, datetime
 from errno import ENOSPC
 from pathlib import Path
 
+import filelock
 import msgspec
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.sources.delivery import Delivery, safe_name
 from swashtwin.recordings import suffix_of
 
-LIMIT = 10_000
-"""Recordings that may wait; sources then hold back what they have."""
-_MOST_REJECTED, _MOST_REJECTED_BYTES = 1000, 1 << 30
-"""Rejected files that are kept, and bytes of them."""
-_CARD = ".json"
+MAX_WAITING = 10_000
+"""Recordings that may wait; when they are reached, the sources keep what they have."""
+MAX_REJECTED_FILES = 1000
+"""Rejected files that are kept."""
+MAX_REJECTED_BYTES = 1 << 30
+"""Bytes of rejected files that are kept."""
+_CARD_SUFFIX = ".json"
 _log = logging.getLogger("swashtwin.watch")
 
 
@@ -36,38 +39,40 @@ class SpoolFile:
     key: str
     """Its name in the spool; keys sort by arrival."""
     path: Path
-    """The file."""
+    """The file as it was delivered."""
     delivery: Delivery
-    """What is known of it."""
+    """What is known of the file."""
 
 
 class Spool:
-    """Recordings that wait in a folder. Each is a file and, written after it, a card that makes it
-    valid.
+    """Recordings that wait in a folder.
 
-    Any thread may add; one thread takes.
+    Each is a file and, written after it, a card that makes it valid. Any thread may add, one thread
+    takes.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         self._changed = threading.Condition()
-        cards = sorted(
-            path.stem for path in folder.glob(f"*{_CARD}") if not path.name.startswith(".")
-        )
-        self._keys = deque(cards)
-        valid = set(cards)
-        for path in folder.iterdir():
-            if (
-                path.is_file() and path.name.split(".")[0] not in valid
-            ):  # a kill interrupted its arrival or its removal
+
+        cards = folder.glob(f"*{_CARD_SUFFIX}")
+        keys = sorted(card.stem for card in cards if not card.name.startswith("."))
+        self._keys = deque(keys)
+        self._remove_invalid_files(set(keys))
+
+    def _remove_invalid_files(self, valid_keys: set[str]) -> None:
+        """Remove files without a card: a kill interrupted their arrival or their removal."""
+        for path in self._folder.iterdir():
+            key = path.name.split(".")[0]
+            if path.is_file() and key not in valid_keys:
                 path.unlink()
 
     def __len__(self) -> int:
         return len(self._keys)
 
     def add(self, delivery: Delivery, content: bytes | Path) -> str:
-        """SHA-256 of the content, hexadecimal, after it was written to the disk with its card.
+        """Write a recording with its card to the disk, and return its SHA-256 (hexadecimal).
 
         Parameters
         ----------
@@ -78,32 +83,40 @@ class Spool:
         OSError
             The disk or the spool is full, or cannot be written.
         """
-        if len(self._keys) >= LIMIT:
+        if len(self._keys) >= MAX_WAITING:
             raise OSError(
-                ENOSPC, f"{LIMIT} recordings wait to be judged; more are taken when there are fewer"
+                ENOSPC,
+                f"{MAX_WAITING} recordings wait to be judged, which is the maximum; "
+                "more are taken when some of them have been judged",
             )
+
         key = f"{time.time_ns():020d}-{secrets.token_hex(4)}"
-        data = self._folder / f"{key}{_suffix(delivery)}"
+        data_path = self._folder / f"{key}{_data_suffix(delivery)}"
+        temporary_card = self._folder / f".{key}{_CARD_SUFFIX}"
         try:
-            digest = _write(data, content)
-            card = self._folder / f".{key}{_CARD}"
-            _write(card, msgspec.json.encode(delivery))
-            card.replace(self._folder / f"{key}{_CARD}")
+            digest = _write(data_path, content)
+            _write(temporary_card, msgspec.json.encode(delivery))
+            # The rename makes the recording valid; before it, a restart removes all of it.
+            temporary_card.replace(self._folder / f"{key}{_CARD_SUFFIX}")
         except BaseException:
-            for path in (data, self._folder / f".{key}{_CARD}"):
-                path.unlink(missing_ok=True)
+            data_path.unlink(missing_ok=True)
+            temporary_card.unlink(missing_ok=True)
             raise
-        _sync(self._folder)
+        _flush_folder(self._folder)
+
         with self._changed:
             self._keys.append(key)
             self._changed.notify_all()
         return digest
 
     def next(self, timeout: float) -> SpoolFile | None:
-        """The recording that waits longest, or None where none came in `timeout` seconds; it stays
-        until `remove`.
+        """Return the recording that has waited longest; it stays until `remove`.
 
         One that cannot be read at the moment is tried again by the next call.
+
+        Parameters
+        ----------
+        timeout : time [s] after which None is returned if no recording waits.
         """
         with self._changed:
             if not self._keys:
@@ -111,121 +124,106 @@ class Spool:
             if not self._keys:
                 return None
             key = self._keys[0]
-        card = self._folder / f"{key}{_CARD}"
+
+        card = self._folder / f"{key}{_CARD_SUFFIX}"
         try:
             delivery = msgspec.json.decode(card.read_bytes(), type=Delivery)
         except (msgspec.DecodeError, FileNotFoundError):
-            path = next((path for path in self._folder.glob(f"{key}.*") if path != card), card)
-            return SpoolFile(
-                key,
-                path,
-                Delivery("spool", path.name, datetime.now(UTC), problem="its card is damaged."),
-            )
+            return self._damaged_file(key, card)
         except OSError as cause:
             _log.warning("%s cannot be read: %s", card, cause.strerror or cause)
             time.sleep(timeout)
             return None
-        return SpoolFile(key, self._folder / f"{key}{_suffix(delivery)}", delivery)
+        return SpoolFile(key, self._folder / f"{key}{_data_suffix(delivery)}", delivery)
+
+    def _damaged_file(self, key: str, card: Path) -> SpoolFile:
+        """Return a recording whose card is damaged, to be rejected."""
+        data_paths = [path for path in self._folder.glob(f"{key}.*") if path != card]
+        path = data_paths[0] if data_paths else card
+        delivery = Delivery(
+            "spool", path.name, datetime.now(UTC), problem="the card of the file is damaged."
+        )
+        return SpoolFile(key, path, delivery)
 
     def remove(self, file: SpoolFile) -> None:
-        """Forget a recording that was judged or filed; its file may have been moved."""
-        (self._folder / f"{file.key}{_CARD}").unlink(missing_ok=True)
+        """Remove a recording that was judged or rejected; its file may have been moved."""
+        # The card first: a file without a card is removed at the next start.
+        (self._folder / f"{file.key}{_CARD_SUFFIX}").unlink(missing_ok=True)
         file.path.unlink(missing_ok=True)
         with self._changed, suppress(ValueError):
             self._keys.remove(file.key)
 
 
 class RejectedFiles:
-    """Files that could not be judged, to be looked at and repaired; the oldest go when there are
-    too many.
-    """
+    """Files that could not be judged, kept to be repaired; the oldest are removed first."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
 
     def keep(self, file: SpoolFile) -> str | None:
-        """Name of a copy of a file in the spool; None where there is no space for it."""
+        """Copy a file of the spool, and return the copy's name; None if there is no space."""
         path = self._folder / f"{file.key}-{safe_name(file.delivery.file)}"
         try:
             if not path.exists():
-                try:
-                    os.link(file.path, path)
-                except OSError:  # a file system without links
-                    shutil.copyfile(file.path, path)
+                _link_or_copy(file.path, path)
         except OSError:
             return None
-        size = 0
-        for number, old in enumerate(
-            sorted(self._folder.iterdir(), reverse=True), 1
-        ):  # the newest first
-            with suppress(OSError):
-                size += old.stat().st_size
-                if number > _MOST_REJECTED or size > _MOST_REJECTED_BYTES:
-                    old.unlink()
+
+        self._remove_surplus()
         return path.name if path.exists() else None
+
+    def _remove_surplus(self) -> None:
+        total_size = 0
+        newest_first = sorted(self._folder.iterdir(), reverse=True)
+        for count, path in enumerate(newest_first, 1):
+            with suppress(OSError):
+                total_size += path.stat().st_size
+                if count > MAX_REJECTED_FILES or total_size > MAX_REJECTED_BYTES:
+                    path.unlink()
 
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Hold a folder for one watch; the system releases it when the process ends, however it ends.
+    """Hold a folder for one watch; the system releases it however the process ends.
 
     Raises
     ------
     InputError
-        Another watch holds it.
+        Another watch holds the folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "watch.lock"
-    with path.open("a+", encoding="utf-8") as file:
-        if not _is_locked(file.fileno()):
-            raise InputError(
-                f"{folder} is in use by another watch (see {path.name} there for its process); stop it, or give this "
-                'one its own folder = "...".'
-            )
-        file.truncate(0)
-        file.write(f"{os.getpid()}\n")
-        file.flush()
-        yield
-
-
-@contextmanager
-def lock_file(path: Path) -> Iterator[None]:
-    """Hold a file so that others who lock it wait; it is made if it is not there."""
-    with path.open("a+", encoding="utf-8") as file:
-        while not _is_locked(file.fileno()):
-            time.sleep(0.02)
-        yield
-
-
-def _is_locked(descriptor: int) -> bool:
+    # Windows lets nobody write to a locked file, so the process is named in another one.
+    process_file = folder / "watch.pid"
     try:
-        if os.name == "nt":
-            import msvcrt
+        lock = filelock.FileLock(folder / "watch.lock", timeout=0).acquire()
+    except filelock.Timeout:
+        raise InputError(
+            f"{folder} is in use by another watch (its process number is in {process_file.name} "
+            'there). Stop that watch, or set another folder = "..." in the configuration of this '
+            "one."
+        ) from None
 
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-        else:
-            import fcntl
-
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
+    with lock:
+        process_file.write_text(f"{os.getpid()}\n", encoding="utf-8")
+        yield
 
 
-def _suffix(delivery: Delivery) -> str:
+def _data_suffix(delivery: Delivery) -> str:
     suffix = suffix_of(Path(safe_name(delivery.file)))
-    return suffix if suffix != _CARD else f"{_CARD}.data"
+    # A recording in a JSON file must not be taken for a card.
+    return f"{_CARD_SUFFIX}.data" if suffix == _CARD_SUFFIX else suffix
 
 
 def _write(path: Path, content: bytes | Path) -> str:
-    """SHA-256 of the content, which is now at `path` and on the disk."""
+    """Write content to the disk for good, and return its SHA-256."""
     if isinstance(content, Path):
         with content.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
             os.fsync(file.fileno())
         shutil.move(content, path)
         return digest
+
     with path.open("xb") as file:
         file.write(content)
         file.flush()
@@ -233,11 +231,18 @@ def _write(path: Path, content: bytes | Path) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _sync(folder: Path) -> None:
-    """Let the names in a folder reach the disk, where the system can."""
+def _flush_folder(folder: Path) -> None:
+    """Let the names in a folder reach the disk, if the system can do that."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def _link_or_copy(original: Path, copy: Path) -> None:
+    try:
+        os.link(original, copy)
+    except OSError:  # a file system without links
+        shutil.copyfile(original, copy)

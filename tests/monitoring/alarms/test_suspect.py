@@ -131,7 +131,7 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
     assert (
         shown.index("Suspect: piston")
         < shown.index("Severity: 30 um.")
-        < shown.index("Found: piston 3")
+        < shown.index("Finding: piston 3")
     )
     assert page.get("/api/alarms/1").json()["evidence"]["severity"] == severity
     history.close()

@@ -53,18 +53,18 @@ def test_machines_come_with_state_newest_recording_and_alarms(reader: TestClient
 
 
 def test_a_trend_comes_oldest_first_with_nulls_for_no_number(reader: TestClient) -> None:
-    trend = reader.get("/api/machines/pump-1/trend", params={"level": "capital"}).json()
+    trend = reader.get("/api/machines/pump-1/trend", params={"indicator": "capital"}).json()
     assert len(trend["times"]) == len(trend["values"]) == len(trend["recordings"])
     assert trend["times"] == sorted(trend["times"])
     assert trend["times"][0].endswith("Z")
     assert trend["values"][-1] > 100
-    level = {"channel": "x", "level": "shaft order 7", "limit": 5}
+    level = {"channel": "x", "indicator": "shaft order 7", "limit": 5}
     assert len(reader.get("/api/machines/pump-1/trend", params=level).json()["values"]) == 5
 
 
 def test_levels_recordings_events_and_rejections_are_listed(reader: TestClient) -> None:
     assert {"channel": "x", "name": "shaft order 7"} in reader.get(
-        "/api/machines/pump-1/levels"
+        "/api/machines/pump-1/indicators"
     ).json()
     recordings = reader.get(
         "/api/recordings", params={"machine": "pump-1", "state": "alarm", "limit": 3}

@@ -13,7 +13,8 @@ from starlette.testclient import TestClient
 
 from swashtwin.diagnosis import next_checks
 from swashtwin.monitoring.history.database import HistoryError
-from swashtwin.monitoring.page.charts import HEIGHT, Axis
+from swashtwin.monitoring.page.axis import Axis
+from swashtwin.monitoring.page.charts import HEIGHT
 
 
 def send(client: TestClient, address: str, **values: object):
@@ -45,7 +46,7 @@ def test_the_overview_shows_the_most_urgent_machine_first_and_those_of_a_state_o
     for query, shown in (
         ("state=normal", "pump-2"),
         ("text=PRESSE", "presse-4"),
-        ("text=no", "No machine fits."),
+        ("text=no", "No machine matches."),
     ):
         text = reader.get(f"/?{query}").text
         assert (shown in text, "pump-1" in text) == (True, False)
@@ -151,7 +152,7 @@ def test_after_maintenance_the_baseline_is_learned_anew_and_alarms_are_closed(
         kind="maintenance",
         who="Ada",
         note="new slippers",
-        found="slipper 2",
+        finding="slipper 2",
     )
     assert plant.history.reader.alarm(1).state == "closed"
     read = plant.history.reader
@@ -159,7 +160,7 @@ def test_after_maintenance_the_baseline_is_learned_anew_and_alarms_are_closed(
     text = client.get("/machines/pump-1").text
     assert all(
         words in text
-        for words in ("new slippers", "Earlier alarms", "Found: slipper 2", "No suspect is named")
+        for words in ("new slippers", "Earlier alarms", "Finding: slipper 2", "No suspect is named")
     )
 
 
@@ -209,7 +210,7 @@ def points(drawing: ElementTree.Element, kind: str) -> np.ndarray:
 
 
 def test_the_figure_of_a_level_has_its_band_and_its_alarm(reader: TestClient) -> None:
-    query = {"channel": "x", "level": "shaft order 7", "point": "1500 rpm, 15 MPa"}
+    query = {"channel": "x", "indicator": "shaft order 7", "point": "1500 rpm, 15 MPa"}
     evidence, level = drawings(reader.get("/machines/pump-1", params=query).text)
     assert field(evidence) == ["alarm", "alarm", "main", "dots"]
     assert field(level) == ["band", "median", "alarm", "main", "dots"]
@@ -237,6 +238,7 @@ def test_the_figure_of_a_spectrum_lies_over_healthy_recordings_and_marks_the_pis
 @pytest.mark.parametrize("kind", ["", "log", "time"])
 @given(some.lists(some.floats(1e-6, 1e10), min_size=1, max_size=5))
 @example([2.9])  # the highest tick is the end, and its share was rounded to above one
+@example([1e10, 9_999_999_999.999998])  # the space at the ends was lost in rounding
 def test_an_axis_has_some_round_values_within_its_ends(kind: str, values: list[float]) -> None:
     axis = Axis.around(values, kind=kind)
     assert len(axis.ticks()) <= 8

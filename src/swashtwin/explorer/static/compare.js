@@ -48,7 +48,7 @@ export async function compareRoom(place, values) {
     const found = await ask(`comparison?${query}`);
     table.replaceChildren(h("section", {}, h("h2", {}, "What differs most"),
       h("p", {}, `Change is ${words(sides.b)} less ${words(sides.a)}${found.freedom ? ", ranked by spreads within both, 1 dB at least." : "; with one recording on either side no spread is known, so 1 dB counts as one."}`),
-      h("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": "What differs most" }, h("table", { class: "moved" }, h("thead", {}, h("tr", {}, ["Level", "Channel", "Change", "Spreads"].map((text, n) => h("th", { class: n > 1 ? "number" : "" }, text)))),
+      h("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": "What differs most" }, h("table", { class: "changes" }, h("thead", {}, h("tr", {}, ["Level", "Channel", "Change", "Spreads"].map((text, n) => h("th", { class: n > 1 ? "number" : "" }, text)))),
         h("tbody", {}, found.rows.map((row) => h("tr", {}, h("td", {}, row.band), h("td", {}, row.channel), h("td", { class: "number" }, `${row.change > 0 ? "+" : ""}${row.change.toFixed(1)} dB`), h("td", { class: "number" }, row.spreads.toFixed(1))))))),
       ...found.notes.map((text) => h("p", { class: "soft" }, text)), h("p", {}, "Open: ", [...a, ...b].slice(0, 8).flatMap((name) => [h("a", { href: address("recording", { name }) }, state.rows.get(name).id), " "]))));
   }

@@ -1,148 +1,137 @@
-"""What other programs ask: ``/api`` has what the pages show as JSON, with the columns of the
-history's tables; ``/metrics`` is for Prometheus, ``/health`` for whatever restarts or watches the
-watch.
+"""The interface for programs: ``/api`` returns what the pages show as JSON.
+
+Keys are the columns of the history's tables.
 """
 
 import math
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Query
 
 from swashtwin.monitoring.history.reading import TREND_COLUMNS, MachineOverview
 from swashtwin.monitoring.history.schema import Judgment
-from swashtwin.monitoring.page.site import Site, state_of
-
-if TYPE_CHECKING:
-    pass
-
+from swashtwin.monitoring.page.site import MAX_ID, Site
+from swashtwin.monitoring.page.states import state_of
 
 Limit = Annotated[int, Query(ge=1, le=5000)]
-Short = Annotated[str, Query(max_length=200)]
-Since = Annotated[datetime | None, Query(description="ISO 8601; UTC where no zone is stated")]
-
-
+ShortText = Annotated[str, Query(max_length=200)]
+Time = Annotated[datetime | None, Query(description="ISO 8601; UTC if no zone is specified")]
 Rows = list[dict[str, Any]]
 
 
-def _row(row: Any, *, without: str = "") -> dict[str, Any]:
-    names = (column.name for column in row.__table__.columns)
-    return {name: getattr(row, name) for name in names if name != without}
-
-
-def _recording(row: Judgment) -> dict[str, Any]:
-    return _row(row, without="retention")
-
-
-def _machine(machine: MachineOverview) -> dict[str, Any]:
-    return {
-        "name": machine.name,
-        "state": state_of(machine).code,
-        "recordings": machine.recordings,
-        "silenced_until": machine.silenced,
-        "last": None if machine.last is None else _recording(machine.last),
-        "alarms": [_row(alarm) for alarm in machine.alarms],
-    }
-
-
-def machine_answers(site: Site) -> APIRouter:
-    """Addresses of machines."""
+def machine_routes(site: Site) -> APIRouter:
+    """Return the addresses of machines."""
     routes = APIRouter(prefix="/api")
-    read = site.history.reader
+    reader = site.history.reader
 
     @routes.get("/sequence", tags=["watch"])
     def sequence() -> int:
-        """A number that changes with everything new in the history: ask it before asking all."""
-        return read.sequence()
+        """Return a number that changes with every change of the history.
+
+        A program that polls reads it first, and the rest only if it changed.
+        """
+        return reader.sequence()
 
     @routes.get("/machines", tags=["machines"])
     def machines() -> Rows:
-        """All machines with their newest recording, their alarms, and their state: `alarm`,
-        `sensor`, `acknowledged`, `unusual`, `normal`, `learning` or `empty`.
+        """Return all machines with their newest recording, their alarms, and their state.
+
+        The state is `alarm`, `sensor`, `acknowledged`, `unusual`, `normal`, `learning` or `empty`.
         """
-        return [_machine(machine) for machine in site.machines()]
+        return [_machine_row(machine) for machine in site.machines()]
 
     @routes.get("/machines/{name}", tags=["machines"])
     def machine(name: str) -> dict[str, Any]:
-        """One machine."""
-        return _machine(site.machine(name))
+        """Return one machine."""
+        return _machine_row(site.machine(name))
 
-    @routes.get("/machines/{name}/levels", tags=["machines"])
-    def levels(name: str) -> list[dict[str, str]]:
-        """Channels and names of the indicators that a machine has."""
+    @routes.get("/machines/{name}/indicators", tags=["machines"])
+    def indicators(name: str) -> list[dict[str, str]]:
+        """Return the indicators of a machine, each with its channel."""
         site.machine(name)
         return [
-            {"channel": channel, "name": level} for channel, level in read.indicator_names(name)
+            {"channel": channel, "name": indicator}
+            for channel, indicator in reader.indicator_names(name)
         ]
 
     @routes.get("/machines/{name}/trend", tags=["machines"])
     def trend(
         name: str,
-        level: Short,
-        channel: Short = "",
-        point: Short = "",
-        since: Since = None,
-        until: Since = None,
+        indicator: ShortText,
+        channel: ShortText = "",
+        point: ShortText = "",
+        since: Time = None,
+        until: Time = None,
         limit: Limit = 1000,
     ) -> dict[str, list[Any]]:
-        """One indicator over time, oldest first; with an empty channel one of `capital`, `alarm_p`,
-        `probability`.
+        """Return one indicator over time, oldest first.
+
+        With an empty channel, the indicator is a value of the verdict, such as `capital`,
+        `alarm_p` or `probability`.
         """
         site.machine(name)
-        if not channel and level not in TREND_COLUMNS:
+        if not channel and indicator not in TREND_COLUMNS:
             raise HTTPException(
-                422, f"Without a channel the level is one of {', '.join(TREND_COLUMNS)}."
+                422, f"Without a channel, indicator must be one of {', '.join(TREND_COLUMNS)}."
             )
-        values = read.trend(
+
+        values = reader.trend(
             name,
             channel,
-            level,
+            indicator,
             point=point or None,
-            since=_utc(since),
-            until=_utc(until),
+            since=_in_utc(since),
+            until=_in_utc(until),
             limit=limit,
         )
         return {
             "recordings": values.ids.tolist(),
             "times": [time.replace(tzinfo=UTC) for time in values.times.tolist()],
+            # JSON has no NaN.
             "values": [value if math.isfinite(value) else None for value in values.values.tolist()],
         }
 
     @routes.get("/machines/{name}/events", tags=["machines"])
     def events(name: str, limit: Limit = 100) -> Rows:
-        """What happened to a machine, newest first."""
+        """Return the events of a machine, newest first."""
         site.machine(name)
-        return [_row(event) for event in read.events(name, limit=limit)]
+        return [_row(event) for event in reader.events(name, limit=limit)]
 
     return routes
 
 
-def record_answers(site: Site) -> APIRouter:
-    """Addresses of recordings and alarms."""
+def record_routes(site: Site) -> APIRouter:
+    """Return the addresses of recordings and alarms."""
     routes = APIRouter(prefix="/api")
-    read = site.history.reader
+    reader = site.history.reader
 
     @routes.get("/recordings", tags=["recordings"])
     def recordings(
         machine: Annotated[str | None, Query(max_length=200)] = None,
         state: Annotated[str | None, Query(max_length=20)] = None,
         before: Annotated[
-            int | None, Query(description="id; for the next page", ge=1, lt=2**31)
+            int | None, Query(description="id; for the next page", ge=1, le=MAX_ID)
         ] = None,
-        since: Since = None,
-        until: Since = None,
+        since: Time = None,
+        until: Time = None,
         limit: Limit = 100,
     ) -> Rows:
-        """Recordings, newest first."""
-        found = read.recordings(
-            machine, state=state, before=before, since=_utc(since), until=_utc(until), limit=limit
+        """Return recordings, newest first."""
+        judgments = reader.recordings(
+            machine,
+            state=state,
+            before=before,
+            since=_in_utc(since),
+            until=_in_utc(until),
+            limit=limit,
         )
-        return [_recording(row) for row in found]
+        return [_recording_row(judgment) for judgment in judgments]
 
     @routes.get("/recordings/{identity}", tags=["recordings"])
     def recording(identity: int) -> dict[str, Any]:
-        """One recording."""
-        return _recording(site.recording(identity))
+        """Return one recording."""
+        return _recording_row(site.recording(identity))
 
     @routes.get("/alarms", tags=["alarms"])
     def alarms(
@@ -150,32 +139,51 @@ def record_answers(site: Site) -> APIRouter:
         state: Annotated[str | None, Query(pattern="^(open|acknowledged|closed)$")] = None,
         limit: Limit = 100,
     ) -> Rows:
-        """Alarms, newest first."""
-        return [_row(alarm) for alarm in read.alarms(machine, state=state, limit=limit)]
+        """Return alarms, newest first."""
+        return [_row(alarm) for alarm in reader.alarms(machine, state=state, limit=limit)]
 
     @routes.get("/alarms/{identity}", tags=["alarms"])
     def alarm(identity: int) -> dict[str, Any]:
-        """One alarm."""
+        """Return one alarm."""
         return _row(site.alarm(identity))
 
     @routes.get("/rejections", tags=["recordings"])
     def rejections(limit: Limit = 100) -> Rows:
-        """Recordings that were not judged, and why, newest first."""
-        return [_row(rejection, without="copy") for rejection in read.rejections(limit=limit)]
+        """Return recordings that were not judged, with the reason, newest first."""
+        return [_row(rejection, without="copy") for rejection in reader.rejections(limit=limit)]
 
     return routes
 
 
-def _utc(time: datetime | None) -> datetime | None:
-    """A time in UTC; 422 at the ends of time, where another zone's year is none."""
+def _row(row: Any, *, without: str = "") -> dict[str, Any]:
+    """Return the columns of a row; `without` names an internal one that is left out."""
+    names = [column.name for column in row.__table__.columns]
+    return {name: getattr(row, name) for name in names if name != without}
+
+
+def _recording_row(judgment: Judgment) -> dict[str, Any]:
+    return _row(judgment, without="retention")
+
+
+def _machine_row(machine: MachineOverview) -> dict[str, Any]:
+    return {
+        "name": machine.name,
+        "state": state_of(machine).code,
+        "recordings": machine.recordings,
+        "silenced_until": machine.silenced,
+        "last": None if machine.last is None else _recording_row(machine.last),
+        "alarms": [_row(alarm) for alarm in machine.alarms],
+    }
+
+
+def _in_utc(time: datetime | None) -> datetime | None:
+    """Return a time in UTC, or answer 422 if it lies outside the years of `datetime`."""
+    if time is None:
+        return None
+    if time.tzinfo is None:
+        return time.replace(tzinfo=UTC)
     try:
-        return (
-            None
-            if time is None
-            else time.replace(tzinfo=UTC)
-            if time.tzinfo is None
-            else time.astimezone(UTC)
-        )
+        return time.astimezone(UTC)
     except OverflowError:
         raise HTTPException(
             422, "since and until must lie between the years 1 and 9999 in UTC."

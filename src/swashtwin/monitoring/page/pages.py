@@ -14,30 +14,30 @@ from starlette.responses import HTMLResponse
 from swashtwin.diagnosis import Check, next_checks
 from swashtwin.monitoring.alarms.baseline import baseline_band_powers
 from swashtwin.monitoring.history.reading import MachineOverview
-from swashtwin.monitoring.history.schema import Judgment
-from swashtwin.monitoring.page.charts import BAND_SPREADS, MOST_HEALTHY, draw_spectrum, draw_trend
-from swashtwin.monitoring.page.site import (
-    STATES,
-    VERDICT_NAMES,
-    Site,
-    grouped_levels,
-    moment_text,
-    number,
-    state_of,
-    stored_name,
+from swashtwin.monitoring.history.schema import Alarm, Judgment
+from swashtwin.monitoring.page.charts import (
+    BAND_SPREADS,
+    MAX_HEALTHY,
+    draw_spectra,
+    draw_trend,
 )
+from swashtwin.monitoring.page.formatting import MISSING, format_time, indicator_name, number
+from swashtwin.monitoring.page.site import MAX_ID, Site
+from swashtwin.monitoring.page.states import STATES, VERDICT_NAMES, group_indicators, state_of
 
-CARDS = 60
+CARDS_PER_PAGE = 60
 """Machines on one page."""
-ROWS = 25
+ROWS_PER_TABLE = 25
 """Recordings in one table."""
-QUIET = timedelta(days=1)
-"""A machine that sent nothing for so long is marked."""
-MOST_POINTS = 2000
-"""Points of a trend; the newest."""
+MAX_SILENCE = timedelta(days=1)
+"""Time after which a machine that sent nothing is marked."""
+MAX_TREND_POINTS = 2000
+"""Newest points of a trend that are drawn; a screen shows no more."""
 _PAST_ALARMS = 200
-_SPECTRA = 16
-"""Drawn spectra that are kept, since an open page asks for them with each change of the history."""
+_CACHED_SPECTRA = 16
+"""Drawn spectra that are kept, since an open page loads them with each change of the history."""
+_EVENTS_OF_MACHINE = 20
+_LOG_ROWS = 100
 
 
 class Pages:
@@ -45,11 +45,15 @@ class Pages:
 
     def __init__(self, site: Site) -> None:
         self._site = site
-        self._read = site.history.reader
-        self._spectra = lru_cache(maxsize=_SPECTRA)(self._drawn)
+        self._reader = site.history.reader
+        self._spectra = lru_cache(maxsize=_CACHED_SPECTRA)(self._draw_spectra)
 
-    def _drawn(self, number: int, _: bool, healthy: tuple[int, ...]) -> Sequence[Markup]:
-        return draw_spectrum(self._site, self._site.recording(number), healthy)
+    def _draw_spectra(self, identity: int, _: bool, healthy: tuple[int, ...]) -> Sequence[Markup]:
+        """Draw the spectra of a recording; the second argument only renews the cached figure.
+
+        It tells whether the samples are stored, which may change.
+        """
+        return draw_spectra(self._site, self._site.recording(identity), healthy)
 
     def overview(
         self,
@@ -58,36 +62,31 @@ class Pages:
         text: Annotated[str, Query(max_length=100)] = "",
         page: Annotated[int, Query(ge=1, le=100_000)] = 1,
     ) -> HTMLResponse:
-        """All machines, the most urgent first."""
+        """Show all machines, the most urgent first."""
         site = self._site
         machines = sorted(
             site.machines(), key=lambda machine: (STATES.index(state_of(machine)), machine.name)
         )
         counts = Counter(state_of(machine) for machine in machines)
-        fitting = [
+
+        matching_machines = [
             machine
             for machine in machines
             if state in ("", state_of(machine).code) and text.casefold() in machine.name.casefold()
         ]
-        pages = max(1, -(-len(fitting) // CARDS))
-        shown = fitting[(min(page, pages) - 1) * CARDS : min(page, pages) * CARDS]
+        page_count = max(1, math.ceil(len(matching_machines) / CARDS_PER_PAGE))
+        page = min(page, page_count)
+        start = (page - 1) * CARDS_PER_PAGE
+
         return site.render(
             request,
             "overview.html.jinja",
-            cards=[
-                {
-                    "machine": machine,
-                    "state": state_of(machine),
-                    "is_quiet": machine.last is not None
-                    and datetime.now(UTC) - machine.last.time > QUIET,
-                }
-                for machine in shown
-            ],
+            cards=[_card(machine) for machine in matching_machines[start : start + CARDS_PER_PAGE]],
             summary=[(state, counts[state]) for state in STATES if counts[state]],
-            chosen=state,
+            selected_state=state,
             text=text,
-            page=min(page, pages),
-            pages=pages,
+            page=page,
+            pages=page_count,
             total=len(machines),
             problems=() if site.status is None else site.status().problems,
         )
@@ -97,107 +96,123 @@ class Pages:
         request: Request,
         name: str,
         channel: str | None = None,
-        level: str | None = None,
+        indicator: str | None = None,
         point: str | None = None,
-        before: Annotated[int | None, Query(ge=1, lt=2**31)] = None,
+        before: Annotated[int | None, Query(ge=1, le=MAX_ID)] = None,
     ) -> HTMLResponse:
-        """One machine: its alarms, trends, recordings and events."""
+        """Show one machine: its alarms, trends, recordings and events."""
         site = self._site
         overview = site.machine(name)
-        rows = self._read.recordings(name, before=before, limit=ROWS)
-        setting = site.config.machine(name)
+        configured_machine = site.config.machine(name)
+        rows = self._reader.recordings(name, before=before, limit=ROWS_PER_TABLE)
+
         return site.render(
             request,
             "machine.html.jinja",
             machine=overview,
             state=state_of(overview),
-            pump=None if setting is None else setting.pump,
+            pump=None if configured_machine is None else configured_machine.pump,
             alarms=overview.alarms,
-            past_alarms=self._read.alarms(name, state="closed", limit=10),
+            past_alarms=self._reader.alarms(name, state="closed", limit=10),
             rate=site.config.alarms.false_alarm_rate,
             limit=site.alarm_capital,
             recordings=rows,
-            older=rows[-1].id if len(rows) == ROWS else None,
-            events=self._read.events(name, limit=20),
-            evidence=self._trend(name, "", "capital", ""),
-            **self._chosen_level(overview, channel, level, point),
+            older=rows[-1].id if len(rows) == ROWS_PER_TABLE else None,
+            events=self._reader.events(name, limit=_EVENTS_OF_MACHINE),
+            evidence=self._draw_trend(name, "", "capital", ""),
+            **self._selected_trend(overview, channel, indicator, point),
         )
 
-    def _chosen_level(
-        self, machine: MachineOverview, channel: str | None, level: str | None, point: str | None
+    def _selected_trend(
+        self,
+        machine: MachineOverview,
+        channel: str | None,
+        indicator: str | None,
+        point: str | None,
     ) -> dict[str, Any]:
-        """What was asked for, where the machine has it; else what moved most in its alarm, else its
+        """Return the trend that was requested, and what else can be selected.
+
+        Without a request, the trend shows what changed most in the machine's alarms, or else its
         first order.
         """
-        by_channel: dict[str, list[str]] = {}
-        for its_channel, name in self._read.indicator_names(machine.name):
-            by_channel.setdefault(its_channel, []).append(name)
-        by_channel[""] = list(VERDICT_NAMES)
-        points = [known.name for known in self._read.operating_points(machine.name)]
-        if point is None:
-            point = (machine.last.point if machine.last is not None else None) or ""
-        point = point if point in points else ""
+        points = [row.name for row in self._reader.operating_points(machine.name)]
+        if point is None and machine.last is not None:
+            point = machine.last.point
+        if point is None or point not in points:
+            point = ""
+
+        names_by_channel: dict[str, list[str]] = {}
+        for stored_channel, name in self._reader.indicator_names(machine.name):
+            names_by_channel.setdefault(stored_channel, []).append(name)
+        names_by_channel[""] = list(VERDICT_NAMES)
+
         if channel is None:
-            moved = [
-                change for alarm in machine.alarms for change in alarm.evidence.get("moved") or []
-            ]
-            furthest = max(moved, key=lambda change: abs(change["change"]), default=None)
-            if furthest is not None:
-                channel, level = furthest["channel"], stored_name(furthest["band"])
-        if channel not in by_channel:
-            channel = next(iter(by_channel))
-        groups = grouped_levels(by_channel[channel])
-        if level not in by_channel[channel]:
-            level = groups[0][1][0]
-        stored = self._read.baseline(machine.name, point)
-        baseline = baseline_band_powers(stored).get((channel, level)) if stored else None
+            channel, indicator = _largest_change(machine.alarms) or (channel, indicator)
+        if channel is None or channel not in names_by_channel:
+            channel = next(iter(names_by_channel))
+        groups = group_indicators(names_by_channel[channel])
+        if indicator is None or indicator not in names_by_channel[channel]:
+            indicator = groups[0][1][0]
+
+        stored_baseline = self._reader.baseline(machine.name, point)
+        baseline = None
+        if stored_baseline:
+            baseline = baseline_band_powers(stored_baseline).get((channel, indicator))
+
+        title = f"{channel}: {indicator}" if channel else VERDICT_NAMES[indicator][0]
         return {
             "channel": channel,
-            "level": level,
+            "indicator": indicator,
             "point": point,
-            "channels": list(by_channel),
-            "levels": groups,
+            "channels": list(names_by_channel),
+            "indicators": groups,
             "points": points,
-            "level_title": f"{channel}: {level}" if channel else VERDICT_NAMES[level][0],
+            "trend_title": title,
             "verdict_names": {name: title for name, (title, _) in VERDICT_NAMES.items()},
-            "trend": self._trend(machine.name, channel, level, point, baseline),
+            "trend": self._draw_trend(machine.name, channel, indicator, point, baseline),
             "band": f"Healthy baseline ± {BAND_SPREADS:g} spreads" if baseline else "",
         }
 
-    def _trend(
+    def _draw_trend(
         self,
         machine: str,
         channel: str,
-        level: str,
+        indicator: str,
         point: str,
         baseline: tuple[float, float] | None = None,
     ) -> Markup:
-        title, unit = VERDICT_NAMES.get(level, (level, "dB"))
-        return draw_trend(
-            self._read.trend(machine, channel, level, point=point or None, limit=MOST_POINTS),
-            title,
-            unit,
-            [
-                alarm
-                for alarm in self._read.alarms(machine, limit=_PAST_ALARMS)
-                if point in ("", alarm.point)
-            ],
-            baseline=baseline,
-            limit=self._site.alarm_capital if level == "capital" else None,
+        trend = self._reader.trend(
+            machine, channel, indicator, point=point or None, limit=MAX_TREND_POINTS
         )
-
-    def recording(self, request: Request, identity: int) -> HTMLResponse:
-        """One recording: verdict, evidence, spectrum, facts."""
-        judgment = self._site.recording(identity)
-        before = self._read.recordings(judgment.machine, before=judgment.id, limit=1)
-        past_alarms = self._read.alarms(judgment.machine, state="closed", limit=ROWS)
         alarms = [
             alarm
-            for alarm in (*self._site.machine(judgment.machine).alarms, *past_alarms)
+            for alarm in self._reader.alarms(machine, limit=_PAST_ALARMS)
+            if point in ("", alarm.point)
+        ]
+        title, unit = VERDICT_NAMES.get(indicator, (indicator, "dB"))
+        limit = self._site.alarm_capital if indicator == "capital" else None
+        return draw_trend(trend, title, unit, alarms, baseline=baseline, limit=limit)
+
+    def recording(self, request: Request, identity: int) -> HTMLResponse:
+        """Show one recording: verdict, evidence, spectrum, facts."""
+        judgment = self._site.recording(identity)
+        older_rows = self._reader.recordings(judgment.machine, before=judgment.id, limit=1)
+
+        closed_alarms = self._reader.alarms(judgment.machine, state="closed", limit=ROWS_PER_TABLE)
+        alarms = [
+            alarm
+            for alarm in (*self._site.machine(judgment.machine).alarms, *closed_alarms)
             if alarm.recording == judgment.id
             or (alarm.state != "closed" and alarm.opened <= judgment.time)
         ]
-        healthy = tuple(self._read.healthy_files(judgment, MOST_HEALTHY))
+
+        healthy = tuple(self._reader.healthy_files(judgment, MAX_HEALTHY))
+        healthy_caption = ""
+        if healthy:
+            healthy_caption = (
+                f"Range of {len(healthy)} healthy recordings at the same operating point"
+            )
+
         return self._site.render(
             request,
             "recording.html.jinja",
@@ -208,43 +223,45 @@ class Pages:
             limit=self._site.alarm_capital,
             facts=_facts(judgment),
             spectra=self._spectra(judgment.id, judgment.waveform is not None, healthy),
-            healthy=f"Range of {len(healthy)} healthy recordings at the same operating point"
-            if healthy
-            else "",
-            earlier=before[0].id if before else None,
-            later=self._read.later_recording(identity),
+            healthy=healthy_caption,
+            earlier=older_rows[0].id if older_rows else None,
+            later=self._reader.later_recording(identity),
         )
 
     def alarms(self, request: Request, state: str = "") -> HTMLResponse:
-        """Alarms of all machines, newest first."""
-        chosen = state if state in ("open", "acknowledged", "closed") else ""
-        if chosen == "closed":
-            shown = list(self._read.alarms(state=chosen, limit=_PAST_ALARMS))
+        """Show alarms of all machines, newest first."""
+        selected_state = state if state in ("open", "acknowledged", "closed") else ""
+        if selected_state == "closed":
+            alarms = list(self._reader.alarms(state="closed", limit=_PAST_ALARMS))
         else:
-            waiting = (alarm for machine in self._read.machines() for alarm in machine.alarms)
-            shown = sorted(
-                (alarm for alarm in waiting if chosen in ("", alarm.state)),
-                key=lambda alarm: -alarm.id,
-            )
-        return self._site.render(request, "alarms.html.jinja", alarms=shown, chosen=chosen)
+            # Machines list every alarm that is not closed, however many closed ones came later.
+            alarms = []
+            for machine in self._reader.machines():
+                alarms += machine.alarms
+            alarms = [alarm for alarm in alarms if selected_state in ("", alarm.state)]
+            alarms.sort(key=lambda alarm: alarm.id, reverse=True)
+
+        return self._site.render(
+            request, "alarms.html.jinja", alarms=alarms, selected_state=selected_state
+        )
 
     def alarm(self, request: Request, identity: int) -> HTMLResponse:
-        """One alarm."""
+        """Show one alarm."""
         return self._site.render(request, "alarm.html.jinja", alarm=self._site.alarm(identity))
 
     def log(self, request: Request) -> HTMLResponse:
-        """How the watch is doing, what was not judged, and events."""
+        """Show the status of the watch, recordings that were not judged, and events."""
         return self._site.render(
             request,
             "log.html.jinja",
             status=None if self._site.status is None else self._site.status(),
-            rejections=self._read.rejections(limit=100),
-            events=self._read.events(limit=100),
+            rejections=self._reader.rejections(limit=_LOG_ROWS),
+            events=self._reader.events(limit=_LOG_ROWS),
         )
 
 
 def page_routes(site: Site) -> APIRouter:
-    """Addresses of the pages and their figures."""
+    """Return the addresses of the pages."""
     routes = APIRouter(include_in_schema=False)
     pages = Pages(site)
     for path, page in (
@@ -259,28 +276,48 @@ def page_routes(site: Site) -> APIRouter:
     return routes
 
 
+def _card(machine: MachineOverview) -> dict[str, Any]:
+    is_silent = machine.last is not None and datetime.now(UTC) - machine.last.time > MAX_SILENCE
+    return {"machine": machine, "state": state_of(machine), "is_silent": is_silent}
+
+
+def _largest_change(alarms: Sequence[Alarm]) -> tuple[str, str] | None:
+    """Return channel and indicator of the largest change in alarms; `None` if nothing changed."""
+    changes: list[dict[str, Any]] = []
+    for alarm in alarms:
+        changes += alarm.evidence.get("moved") or []
+    if not changes:
+        return None
+
+    largest = max(changes, key=lambda change: abs(change["change"]))
+    return largest["channel"], indicator_name(largest["band"])
+
+
 def _checks(judgment: Judgment) -> Sequence[Check]:
+    """Return what to check next at the machine."""
     suspect = judgment.reasons.get("suspect")
     if judgment.label is None and suspect and suspect["certainty"] == "sure":
         return next_checks(suspect["label"])
     if judgment.label in (None, "abnormal"):
         return next_checks(unknown=True)
-    return next_checks(judgment.label, unknown=bool(judgment.reasons["verdict"].get("unknown")))
+
+    is_unknown = bool(judgment.reasons["verdict"].get("unknown"))
+    return next_checks(judgment.label, unknown=is_unknown)
 
 
 def _facts(judgment: Judgment) -> Sequence[tuple[str, str]]:
-    speed = None if judgment.speed is None else judgment.speed * 30 / math.pi
-    pressure = None if judgment.pressure is None else judgment.pressure / 1e6
+    speed_rpm = None if judgment.speed is None else judgment.speed * 30 / math.pi
+    pressure_mpa = None if judgment.pressure is None else judgment.pressure / 1e6
     return (
-        ("Operating point", judgment.point or "—"),
-        ("Speed", f"{number(speed, 4)} rpm"),
-        ("Discharge pressure", f"{number(pressure)} MPa"),
+        ("Operating point", judgment.point or MISSING),
+        ("Speed", f"{number(speed_rpm, 4)} rpm"),
+        ("Discharge pressure", f"{number(pressure_mpa)} MPa"),
         ("Duration", f"{number(judgment.duration)} s"),
         ("Sample rate", f"{number(judgment.sample_rate, 5)} Hz"),
         ("Channels", ", ".join(judgment.channels)),
         ("Source", judgment.source),
-        ("File", judgment.file or "—"),
-        ("Received", moment_text(judgment.received)),
-        ("Model", judgment.model or "—"),
+        ("File", judgment.file or MISSING),
+        ("Received", format_time(judgment.received)),
+        ("Model", judgment.model or MISSING),
         ("Content", judgment.content),
     )

@@ -1,4 +1,4 @@
-"""The application behind the page: what is refused, what is shown, and what other programs ask."""
+"""Build the application of the page from its routes."""
 
 import asyncio
 from collections.abc import Callable
@@ -11,11 +11,11 @@ from starlette.responses import JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from swashtwin.foundation import VERSION
-from swashtwin.monitoring.config.settings import WatchConfig
+from swashtwin.monitoring.config.settings import PageSettings, WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.actions import change_routes, visit_routes
-from swashtwin.monitoring.page.api import machine_answers, record_answers
+from swashtwin.monitoring.page.api import machine_routes, record_routes
 from swashtwin.monitoring.page.guard import Guard
 from swashtwin.monitoring.page.pages import page_routes
 from swashtwin.monitoring.page.prometheus import metric_routes
@@ -24,8 +24,10 @@ from swashtwin.monitoring.page.site import Site, Upload
 from swashtwin.monitoring.page.uploads import upload_routes
 from swashtwin.monitoring.status import WatchStatus
 
-_LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
-_ANY = ("0.0.0.0", "::", "")
+LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
+"""Names by which a browser on this computer calls the page."""
+_ANY_ADDRESS = ("0.0.0.0", "::", "")
+_PROGRAM_PATHS = ("/api/", "/metrics", "/health")
 
 
 def build_watch_page(
@@ -34,71 +36,87 @@ def build_watch_page(
     upload: Upload | None = None,
     status: Callable[[], WatchStatus] | None = None,
 ) -> FastAPI:
-    """The page of a watch, to be served by `serving_page`.
+    """Return the page of a watch, to be served by `serving_page`.
 
     Parameters
     ----------
     upload : takes recordings that are sent to ``POST /api/recordings``; without it they are
         refused.
-    status : how the watch is doing, for ``/health``, ``/metrics`` and the log page.
+    status : returns the status of the watch, for ``/health``, ``/metrics`` and the log page.
 
     Raises
     ------
     InputError
-        The page can be reached by other computers, but its file of users names nobody.
+        The page can be reached by other computers, but its file of users has no entry.
     DataError
-        That file is absent or damaged.
+        The file of users is absent or damaged.
     """
-    settings = config.page
-    access = Access(settings)
+    access = Access(config.page)
     site = Site(config, history, access, upload, status)
-    hosts = (*_LOCAL_NAMES, *settings.hosts, *(() if settings.host in _ANY else (settings.host,)))
     application = FastAPI(
         title="swashtwin watch",
         version=VERSION,
-        description="Machines, recordings, alarms and trends of a watch. Send a token: `Authorization: Bearer TOKEN`.",
+        description=(
+            "Machines, recordings, alarms and trends of a watch."
+            " If there are logins, send a token: `Authorization: Bearer TOKEN`."
+        ),
         openapi_url="/api/openapi.json",
         docs_url=None,
         redoc_url=None,
-        middleware=[Middleware(Guard, hosts=hosts, access=access)],
+        middleware=[Middleware(Guard, hosts=_allowed_hosts(config.page), access=access)],
     )
+
     for routes in (
         page_routes(site),
         change_routes(site, is_page=True),
         visit_routes(site),
         metric_routes(site),
         upload_routes(site),
-        machine_answers(site),
-        record_answers(site),
+        machine_routes(site),
+        record_routes(site),
         change_routes(site, is_page=False),
     ):
         application.include_router(routes)
     application.mount("/static", StaticFiles(packages=[(__package__, "static")]))
-    _answer_errors(application, site)
+    _handle_errors(application, site)
     return application
 
 
-def _answer_errors(application: FastAPI, site: Site) -> None:
-    def answer(request: Request, code: int, title: str, text: str) -> Response:
-        if request.url.path.startswith(("/api/", "/metrics", "/health")):
+def _allowed_hosts(settings: PageSettings) -> list[str]:
+    hosts = [*LOCAL_NAMES, *settings.hosts]
+    # An address that means "all addresses" is not a name by which a browser calls the page.
+    if settings.host not in _ANY_ADDRESS:
+        hosts.append(settings.host)
+    return hosts
+
+
+def _handle_errors(application: FastAPI, site: Site) -> None:
+    """Answer errors as a page for people and as JSON for programs."""
+
+    async def answer(request: Request, code: int, title: str, text: str) -> Response:
+        if request.url.path.startswith(_PROGRAM_PATHS):
             return JSONResponse({"detail": text}, code)
-        return site.render(request, "problem.html.jinja", code, title=title, text=text)
+        # Rendering reads the history, which must not block the event loop.
+        return await asyncio.to_thread(
+            site.render, request, "problem.html.jinja", code, title=title, text=text
+        )
 
     @application.exception_handler(HTTPException)
-    async def refuse(request: Request, error: HTTPException) -> Response:
-        return await asyncio.to_thread(
-            answer, request, error.status_code, "This did not work", str(error.detail)
-        )
+    async def answer_refusal(request: Request, error: HTTPException) -> Response:
+        title = "Not found" if error.status_code == 404 else "Request refused"
+        return await answer(request, error.status_code, title, str(error.detail))
 
     @application.exception_handler(RequestValidationError)
-    async def refuse_values(request: Request, error: RequestValidationError) -> Response:
-        values = ", ".join(
-            ".".join(map(str, problem["loc"][1:])) + f": {problem['msg']}"
-            for problem in error.errors()
-        )
-        return await asyncio.to_thread(answer, request, 422, "This did not work", values)
+    async def answer_invalid_values(request: Request, error: RequestValidationError) -> Response:
+        problems = []
+        for problem in error.errors():
+            # The first part of a location is where the value stood, such as "query".
+            name = ".".join(str(part) for part in problem["loc"][1:])
+            problems.append(f"{name}: {problem['msg']}")
+        return await answer(request, 422, "Invalid values", ", ".join(problems))
 
     @application.exception_handler(HistoryError)
-    async def report_history(request: Request, error: HistoryError) -> Response:
-        text = "The history cannot be reached at the moment; the watch tries again."
-        return await asyncio.to_thread(answer, request, 503, "No history", text)
+    async def answer_history_error(request: Request, error: HistoryError) -> Response:
+        # The error's text may hold the address and the password of the database.
+        text = "The history cannot be reached at the moment. The watch keeps trying."
+        return await answer(request, 503, "History unavailable", text)

@@ -41,8 +41,8 @@ function showPart(drawing, [start, end]) {
   const field = drawing.querySelector(".field");
   const height = field.viewBox.baseVal.height;
   field.setAttribute("viewBox", `${1000 * start} 0 ${1000 * (end - start)} ${height}`);
-  for (const name of drawing.querySelectorAll("[data-at]")) {
-    const share = (name.dataset.at - start) / (end - start);
+  for (const name of drawing.querySelectorAll("[data-share]")) {
+    const share = (name.dataset.share - start) / (end - start);
     name.setAttribute("x", percent(share));
     name.setAttribute("visibility", share < 0 || share > 1 ? "hidden" : "visible");
   }

@@ -1,0 +1,86 @@
+"""Format numbers, times and names for the pages."""
+
+import math
+import re
+from datetime import UTC, datetime
+
+MISSING = "—"
+"""Shown for a value that is missing or not finite."""
+
+_MIN_PLAIN = 1e-3
+_MAX_PLAIN = 1e5
+"""Magnitudes between which a number is written without an exponent."""
+_AGE_UNITS = ((86400, "d"), (3600, "h"), (60, "min"))
+_FREQUENCY = re.compile(r" \([^()]* Hz\)$")
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Return a number with a count of significant digits.
+
+    Examples
+    --------
+    >>> number(0.01234), number(123456.0), number(None)
+    ('0.0123', '1.23e+05', '—')
+    """
+    if value is None or not math.isfinite(value):
+        return MISSING
+    if value == 0:
+        return f"{value:.{digits - 1}f}"
+    if not _MIN_PLAIN <= abs(value) < _MAX_PLAIN:
+        return f"{value:.{digits - 1}e}"
+
+    decimals = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{value:.{max(0, decimals)}f}"
+
+
+def percent(share: float | None) -> str:
+    """Return a share in percent, never rounded up to 100 % or down to 0 %."""
+    if share is None or not math.isfinite(share):
+        return MISSING
+    if 0.995 < share < 1:
+        return "> 99 %"
+    if 0 < share < 0.005:
+        return "< 1 %"
+    return f"{100 * share:.0f} %"
+
+
+def signed(value: float) -> str:
+    """Return a change with its sign and one decimal."""
+    return f"{value:+.1f}".replace("-", "−")
+
+
+def format_time(time: datetime | None) -> str:
+    """Return a time in UTC to the second; the page's script shows it in the reader's zone."""
+    if time is None:
+        return MISSING
+    return time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def format_age(time: datetime, now: datetime) -> str:
+    """Return how long before `now` a time was, in its largest unit."""
+    age_s = max(0.0, (now - time).total_seconds())
+    for unit_s, unit in _AGE_UNITS:
+        if age_s >= unit_s:
+            return f"{int(age_s // unit_s)} {unit} ago"
+    return "just now"
+
+
+def format_label(label: str | None) -> str:
+    """Return a class for a reader, such as ``Swash plate``."""
+    if label is None:
+        return MISSING
+    return label.replace("_", " ").capitalize()
+
+
+def indicator_name(described_name: str) -> str:
+    """Return the name under which the history stores an indicator.
+
+    An indicator that changed is described with the frequency of its order; the stored name has no
+    frequency, since that depends on the speed.
+
+    Examples
+    --------
+    >>> indicator_name("shaft order 9 of the envelope (129 Hz)")
+    'shaft order 9 of the envelope'
+    """
+    return _FREQUENCY.sub("", described_name)

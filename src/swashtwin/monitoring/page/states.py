@@ -1,0 +1,127 @@
+"""States of machines, alarms and recordings, and their names on the pages."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
+
+from swashtwin.monitoring.history.reading import MachineOverview
+from swashtwin.monitoring.history.schema import Alarm
+
+RECORDING_STATES: Mapping[str, str] = MappingProxyType(
+    {
+        "learning": "Learning",
+        "normal": "Normal",
+        "unusual": "Unusual",
+        "alarm": "Alarm",
+        "sensor": "Sensor alarm",
+    }
+)
+"""Name of each state of a recording."""
+
+REJECTION_REASONS: Mapping[str, str] = MappingProxyType(
+    {
+        "machine": "unknown machine",
+        "double": "duplicate",
+        "late": "too late",
+        "broken": "not readable as configured",
+        "unfit": "not fit for a verdict",
+        "points": "too many operating points",
+        "error": "error of the watch",
+    }
+)
+"""Reasons why a recording was not judged."""
+
+VERDICT_NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "capital": ("Evidence", ""),
+        "alarm_p": ("p-value of the healthy baseline", ""),
+        "probability": ("Probability of the verdict", ""),
+        "confidence": ("Agreement of the windows", ""),
+        "ood_p": ("p-value of the training recordings", ""),
+        "speed": ("Speed", "rad/s"),
+        "pressure": ("Discharge pressure", "Pa"),
+    }
+)
+"""Name and unit of what is stored of each recording besides its indicators."""
+
+INDICATOR_GROUPS = (
+    "Orders",
+    "Orders of the envelope",
+    "Bands",
+    "Bands of the envelope",
+    "Verdict and operating point",
+)
+
+
+class MachineState(NamedTuple):
+    """One state, of a machine or of an alarm."""
+
+    code: str
+    """Name in addresses, style sheets and the interface for programs."""
+    label: str
+    """Name on the pages."""
+    symbol: str
+    """Symbol that shows the state without color."""
+
+
+STATES = (
+    MachineState("alarm", "Alarm", "▲"),
+    MachineState("sensor", "Sensor alarm", "◆"),
+    MachineState("acknowledged", "Alarm acknowledged", "△"),
+    MachineState("unusual", "Unusual", "●"),
+    MachineState("normal", "Normal", "✓"),
+    MachineState("learning", "Learning", "…"),
+    MachineState("empty", "No recording yet", "–"),
+)
+"""States of a machine, most urgent first."""
+
+_STATES_BY_CODE = {state.code: state for state in STATES}
+_ALARM_STATES = {
+    "open": MachineState("open", "open", "▲"),
+    "acknowledged": MachineState("acknowledged", "acknowledged", "△"),
+    "closed": MachineState("closed", "closed", "✓"),
+}
+
+
+def state_of(machine: MachineOverview) -> MachineState:
+    """Return the most urgent state of a machine."""
+    return _STATES_BY_CODE[_state_code(machine)]
+
+
+def _state_code(machine: MachineOverview) -> str:
+    open_kinds = {alarm.kind for alarm in machine.alarms if alarm.state == "open"}
+    if "pump" in open_kinds:
+        return "alarm"
+    if open_kinds:
+        return "sensor"
+    if machine.alarms:
+        return "acknowledged"
+
+    newest = machine.last
+    if newest is None:
+        return "empty"
+    # A recording from before the maintenance no longer describes the machine.
+    if machine.maintained is not None and machine.maintained > newest.received:
+        return "learning"
+    return newest.state if newest.state in ("normal", "learning") else "unusual"
+
+
+def alarm_state(alarm: Alarm) -> MachineState:
+    """Return the state of an alarm."""
+    return _ALARM_STATES[alarm.state]
+
+
+def group_indicators(names: Iterable[str]) -> Sequence[tuple[str, Sequence[str]]]:
+    """Return the names of indicators by group, orders first; the order within a group is kept."""
+    groups: dict[str, list[str]] = {group: [] for group in INDICATOR_GROUPS}
+    for name in names:
+        groups[_group_of(name)].append(name)
+    return [(group, members) for group, members in groups.items() if members]
+
+
+def _group_of(name: str) -> str:
+    if name in VERDICT_NAMES:
+        return INDICATOR_GROUPS[4]
+    if "order" in name:
+        return INDICATOR_GROUPS[1 if "envelope" in name else 0]
+    return INDICATOR_GROUPS[3 if "envelope" in name else 2]

@@ -96,7 +96,7 @@ def test_a_time_in_minutes_is_not_taken_for_seconds(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(
         "time [g],x\n" + "".join(f"{i / 100:.2f},{i}.5\n" for i in range(60))
     )
-    with pytest.raises(DataError, match="in 'g', which is none of s, ms"):
+    with pytest.raises(DataError, match="in 'g', which is not one of s, ms"):
         load_recording(tmp_path / "a.csv", unit="1")
 
 

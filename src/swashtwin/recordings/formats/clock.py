@@ -1,11 +1,13 @@
-"""The time of a file: which columns are clocks or counters of samples, and what they say of the
-rate.
+"""Columns that are clocks or counters of samples, and the rate that they show.
+
+`extract_time` takes them out of a file's columns; `split_at_breaks` parts the recordings that one
+file holds one after the other.
 """
 
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,324 +21,454 @@ from swashtwin.recordings.formats.headings import split_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.sample_units import normalize_unit
 from swashtwin.recordings.formats.time_column import (
-    COARSE,
-    ENOUGH,
+    MAX_RATE_ERROR,
+    MEDIAN_SAMPLES,
     NO_UNIT,
+    find_restarts,
     read_time_column,
-    restarts,
-    times_of,
+    read_times,
 )
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
-"""Seconds of each unit of time; there is none that one wrong letter turns into another."""
+"""Seconds of each unit of time; no slip of one letter turns one into another."""
 _TIME_NAME = re.compile(
     r"(?:x[_ ]?value|t|epoch|(?=milli|micro|nano)"
     r"|(?:elapsed|rel(?:ative)?|abs(?:olute)?|sample|measurement)?[_ ]?(?:time|zeit)(?:[_ ]?stamps?)?)"
     r"(?:[_ ]?(?<![a-z])(s|sec|seconds|ms|msec|us|usec|ns)|[_ ]?((?:milli|micro|nano)s(?:econds)?))?(?:[_ ]?\d+)?",
     re.IGNORECASE,
 )
-"""What a column with the time is called, with its unit at the end or without it."""
+"""Names of a column with the time, with or without its unit at the end."""
 _COUNTER_NAME = re.compile(
     r"(?:index|samples?|sample[_ ]?(?:no|number|index)|count(?:er)?|cnt|nr?|no|row|point|column_0)\.?|#|",
     re.IGNORECASE,
 )
-OTHER_AXIS = re.compile(
+_OTHER_AXIS = re.compile(
     r"(?:^|[^a-z])(?:angle|winkel|distance|weg|position|order|ordnung|freq(?:uency)?|frequenz)(?:[^a-z]|$)",
     re.IGNORECASE,
 )
-"""Names of columns that rise as the time does and are another quantity."""
-_FIRST = re.compile(r"\(:,1\)$|\(1,:\)$|/0$|^X$")
-"""The first vector of a matrix, and what stands against Y."""
+"""Names of columns that rise evenly, as the time does, and are another quantity."""
+_FIRST_VECTOR = re.compile(r"\(:,1\)$|\(1,:\)$|/0$|^X$")
+"""Names of the first vector of a matrix, and of an abscissa."""
 _EPOCHS = {1e9: "s", 1e12: "ms", 1e15: "us", 1e18: "ns"}
-"""Least and, ten times that, greatest count of a unit since 1970 in this century."""
-_DAYS = ((20_000.0, 80_000.0), (700_000.0, 800_000.0))
-"""Days of a spreadsheet, and of MATLAB, in this century."""
-_FASTEST = 1e8
-"""Rate [Hz] above which a column without a name is no clock."""
-_HEAD = 1000
+"""Unit of a count since 1970 in this century, by its minimum; the maximum is ten times that."""
+_DAY_RANGES = ((20_000.0, 80_000.0), (700_000.0, 800_000.0))
+"""Days of a spreadsheet (since 1900), and of MATLAB (since year 0), in this century."""
+_MAX_UNNAMED_RATE_HZ = 1e8
+"""A column without a name that gives a higher rate is not a clock."""
+_MIN_CLOCK_SAMPLES = 16
+"""A shorter column may rise evenly by chance."""
+_HEAD_SAMPLES = 1000
+"""Samples at the beginning by which the kind of a column is decided."""
+
+
+@dataclass(frozen=True)
+class _Clock:
+    unit: float | None
+    """Seconds of one unit, or None if it is unknown."""
+    rate: float | None
+    """Sample rate [Hz], or None if the times do not show it."""
+    problem: str
+    """What is wrong with the times, or empty."""
 
 
 def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
-    """The columns without those that hold the time, which become the rates, and without counters of
-    samples.
+    """Return the columns without clocks, which become the rates, and without counters.
 
     A column is a clock if the options or its name say so, or if it rises evenly and has no unit of
     another quantity. A clock holds for the columns of its group or structure; of several, the last
-    before a column holds for it. A counter states no rate, but samples that it skips are lost.
-    Where a clock states no rate, the attribute ``time_gaps`` says why. Where a clock begins again,
+    one before a column holds for it. A counter states no rate, but samples that it skips are lost.
+    If a clock states no rate, the attribute ``time_gaps`` says why. If a clock begins again,
     another recording begins.
     """
-    clocks = _clocks(path, raw, options)
-    rest = {name: column for name, column in raw.columns.items() if name not in clocks}
-    counters = [
-        name
-        for name, column in rest.items()
-        if (len(raw.columns) > 1 and _is_counter(raw, name, column))
-        or (clocks and match_time_name(name) and raw.units.get(name) in (None, *TIME_UNITS))
-    ]
-    counters = counters if len(counters) < len(rest) else []
-    others = {name: column for name, column in rest.items() if name not in counters}
-    seconds = {name: _unit(path, raw, name, options) for name in clocks}
-    found = {
-        name: read_time_column(path, raw.columns[name], unit) for name, unit in seconds.items()
+    clock_names = _find_clocks(path, raw, options)
+    clocks: dict[str, _Clock] = {}
+    for name in clock_names:
+        unit = _clock_unit(path, raw, name, options)
+        clocks[name] = _Clock(unit, *read_time_column(path, raw.columns[name], unit))
+
+    counters = _find_counters(raw, clock_names)
+    signals = {
+        name: column
+        for name, column in raw.columns.items()
+        if name not in clocks and name not in counters
     }
-    breaks: Sequence[int] = ()
-    if len(clocks) == 1 and found[clocks[0]][1]:
-        breaks = restarts(times_of(raw.columns[clocks[0]], seconds[clocks[0]] or 1.0))
-    rates, starts, gaps = dict(raw.rates), dict(raw.starts), []
-    for name, column in others.items():
-        clock = _clock_of(raw, name, column, found)
-        if clock is None:
-            continue
-        rate, gap = found[clock]
-        stated = raw.rates.get(name, raw.sample_rate)
-        is_settled = gap.startswith(NO_UNIT) and (stated or options.sample_rate is not None)
-        gaps += [gap] if gap and gap not in gaps and not is_settled else []
-        if rate and stated and options.time_column is None:
-            require_one_rate(path, name, stated, rate, clock)
-        if rate and (not stated or options.time_column is not None):
-            rates[name] = rate
-        if len(clocks) > 1:
-            starts[name] = f"{float(raw.columns[clock][0:1][0]):.9g}"
-    if counters and not clocks and (lost := _lost(raw.columns[counters[0]])):
-        gaps.append(f"{counters[0]} skips {lost[0]} samples at {lost[1]} places")
-    guessed = [name for name in clocks if not match_time_name(name) and options.time_column is None]
-    guessed = [name for name in guessed if _own_unit(raw, name) is None]
-    found_facts = {
-        "clock_columns": ", ".join(guessed),
-        "counter_columns": ", ".join(counters),
-        "time_gaps": "; ".join(gaps),
-    }
-    attributes = dict(raw.attributes) | {name: text for name, text in found_facts.items() if text}
+    rates, starts, problems = _apply_clocks(path, raw, signals, clocks, options)
+
+    if counters and not clocks:
+        lost = _count_lost_samples(raw.columns[counters[0]])
+        if lost is not None:
+            problems.append(f"{counters[0]} skips {lost[0]} samples at {lost[1]} places")
+
     sample_rate = raw.sample_rate
-    if not raw.rates and len(rates) == len(others) and len(set(rates.values())) == 1:
-        sample_rate, rates = next(iter(rates.values())), {}
-    kept: dict[str, Any] = {
-        field: {name: value for name, value in values.items() if name in others}
-        for field, values in (("units", raw.units), ("rates", rates), ("starts", starts))
-    }
+    if not raw.rates and len(rates) == len(signals) and len(set(rates.values())) == 1:
+        sample_rate = next(iter(rates.values()))
+        rates = {}
+
+    # Clocks that nothing but their even rise shows are reported to the user.
+    guessed_clocks = [
+        name
+        for name in clocks
+        if options.time_column is None
+        and not match_time_name(name)
+        and _column_unit(raw, name) is None
+    ]
+    attributes = dict(raw.attributes)
+    for key, texts, separator in (
+        ("clock_columns", guessed_clocks, ", "),
+        ("counter_columns", counters, ", "),
+        ("time_gaps", problems, "; "),
+    ):
+        if texts:
+            attributes[key] = separator.join(texts)
+
     return replace(
         raw,
-        columns=others,
+        columns=signals,
         sample_rate=sample_rate,
         attributes=attributes,
-        breaks=tuple(breaks),
-        **kept,
+        breaks=_clock_restarts(raw, clocks),
+        units=_of_columns(raw.units, signals),
+        rates=_of_columns(rates, signals),
+        starts=_of_columns(starts, signals),
     )
 
 
-def require_one_rate(path: Path, name: str, stated: float, rate: float, clock: str) -> None:
-    """Refuse a rate [Hz] by the times in a clock that is another than the one that the file
-    states.
-    """
-    if not math.isclose(rate, stated, rel_tol=COARSE):
+def _of_columns(values: Mapping[str, Any], columns: Mapping[str, Column]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name in columns}
+
+
+def _apply_clocks(
+    path: Path,
+    raw: RawFile,
+    signals: Mapping[str, Column],
+    clocks: Mapping[str, _Clock],
+    options: ReadOptions,
+) -> tuple[dict[str, float], dict[str, str], list[str]]:
+    """Return rates [Hz] and starts of the signals by their clocks, and the clocks' problems."""
+    is_specified = options.time_column is not None
+    rates = dict(raw.rates)
+    starts = dict(raw.starts)
+    problems: list[str] = []
+    for name, column in signals.items():
+        clock_name = _clock_for(raw, name, column, clocks)
+        if clock_name is None:
+            continue
+
+        clock = clocks[clock_name]
+        file_rate = raw.rates.get(name, raw.sample_rate)
+        has_other_rate = file_rate or options.sample_rate is not None
+        is_settled = clock.problem.startswith(NO_UNIT) and has_other_rate
+        if clock.problem and clock.problem not in problems and not is_settled:
+            problems.append(clock.problem)
+
+        if clock.rate and file_rate and not is_specified:
+            require_one_rate(path, name, file_rate, clock.rate, clock_name)
+        if clock.rate and (not file_rate or is_specified):
+            rates[name] = clock.rate
+        if len(clocks) > 1:
+            starts[name] = f"{float(raw.columns[clock_name][0:1][0]):.9g}"
+    return rates, starts, problems
+
+
+def _clock_restarts(raw: RawFile, clocks: Mapping[str, _Clock]) -> tuple[int, ...]:
+    """Return the samples at which the only clock of a file begins again."""
+    if len(clocks) != 1:
+        return ()
+
+    ((name, clock),) = clocks.items()
+    if not clock.problem:
+        return ()
+    return tuple(find_restarts(read_times(raw.columns[name], clock.unit or 1.0)))
+
+
+def require_one_rate(
+    path: Path, name: str, file_rate: float, clock_rate: float, clock_name: str
+) -> None:
+    """Refuse a file whose stated rate [Hz] differs from the rate [Hz] of its time column."""
+    if not math.isclose(clock_rate, file_rate, rel_tol=MAX_RATE_ERROR):
         raise DataError(
-            f"{path} states two sample rates for {name}: {stated:g} Hz, and {rate:g} Hz by the times in {clock}; "
-            f'say time_column = "{clock}" if the times are right, or correct the file.'
+            f"{path} states two sample rates for {name}: {file_rate:g} Hz, and {clock_rate:g} Hz "
+            f"by the times in {clock_name}.",
+            field="time_column",
+            remedy=f"Set {{time_column='{clock_name}'}} if the times are right, "
+            "or correct the file.",
         )
 
 
 def split_at_breaks(raw: RawFile) -> RawFile:
-    """The recordings that begin at the breaks of a file, with columns of their own, such as ``x
-    [2]``.
-    """
+    """Return the recordings that begin at the breaks of a file as columns such as ``x [2]``."""
     if not raw.breaks:
         return raw
+
     columns: dict[str, Column] = {}
     starts: dict[str, str] = {}
-    names: dict[str, str] = {}
+    units: dict[str, str] = {}
+    rates: dict[str, float] = {}
+    sensitivities: dict[str, str] = {}
     for name, column in raw.columns.items():
-        for number, (first, last) in enumerate(pairwise([0, *raw.breaks, len(column)]), 1):
+        ends = [0, *raw.breaks, len(column)]
+        for number, (first, end) in enumerate(pairwise(ends), 1):
             key = f"{name} [{number}]"
-            columns[key], starts[key], names[key] = (
-                slice_column(column, first, last),
-                f"sample {first} of the file",
-                name,
-            )
-    kept: dict[str, Any] = {
-        field: {key: values[name] for key, name in names.items() if name in values}
-        for field, values in (
-            ("units", raw.units),
-            ("rates", raw.rates),
-            ("sensitivities", raw.sensitivities),
-        )
-    }
+            columns[key] = slice_column(column, first, end)
+            starts[key] = f"sample {first} of the file"
+            if name in raw.units:
+                units[key] = raw.units[name]
+            if name in raw.rates:
+                rates[key] = raw.rates[name]
+            if name in raw.sensitivities:
+                sensitivities[key] = raw.sensitivities[name]
+
     attributes = {name: text for name, text in raw.attributes.items() if name != "time_gaps"}
-    return replace(raw, columns=columns, starts=starts, attributes=attributes, **kept)
+    return replace(
+        raw,
+        columns=columns,
+        starts=starts,
+        attributes=attributes,
+        units=units,
+        rates=rates,
+        sensitivities=sensitivities,
+    )
 
 
-def time_name(path: Path, names: Sequence[str], options: ReadOptions) -> str | None:
-    """Name of the column with the time that the options state, or of the first that is called so;
-    or None.
+def find_time_column(path: Path, names: Sequence[str], options: ReadOptions) -> str | None:
+    """Return the name of the time column by the options, or the first named as one, or None.
+
+    Raises
+    ------
+    DataError
+        The options name a column that the file does not have.
     """
-    stated = options.time_column
-    if stated is None:
-        return (
-            next((name for name in names if match_time_name(name)), None)
-            if len(names) > 1
-            else None
-        )
-    if isinstance(stated, int) and 0 <= stated < len(names):
-        return names[stated]
-    if isinstance(stated, str) and (stated in names or split_unit(stated)[0] in names):
-        return stated if stated in names else split_unit(stated)[0]
-    raise DataError(f"{path} has no column {stated!r} for time_column; it has {', '.join(names)}.")
+    specified = options.time_column
+    if specified is None:
+        if len(names) < 2:
+            return None
+        return next((name for name in names if match_time_name(name)), None)
+
+    if isinstance(specified, int) and 0 <= specified < len(names):
+        return names[specified]
+    if isinstance(specified, str):
+        for name in (specified, split_unit(specified)[0]):
+            if name in names:
+                return name
+    raise DataError(
+        f"{path} has no column {specified!r} for time_column; it has {', '.join(names)}."
+    )
 
 
 def match_time_name(name: str) -> re.Match[str] | None:
-    """What the name of a column says of a time, without the groups that it is in."""
-    return _TIME_NAME.fullmatch(re.split(r"[./]", name)[-1].strip()) if name.strip() else None
+    """Return how the name of a column, without its groups, names a time; None if it does not."""
+    if not name.strip():
+        return None
+    return _TIME_NAME.fullmatch(_name_in_group(name))
 
 
-def _clocks(path: Path, raw: RawFile, options: ReadOptions) -> list[str]:
-    """Columns with the time: the stated one, or those called so, or else those that rise evenly."""
+def _name_in_group(name: str) -> str:
+    return re.split(r"[./]", name)[-1].strip()
+
+
+def _group_of(name: str) -> str:
+    return re.split(r"[^./]*$", name)[0]
+
+
+def _find_clocks(path: Path, raw: RawFile, options: ReadOptions) -> list[str]:
+    """Return the specified time column, or those named as times, or those that rise evenly."""
     names = list(raw.columns)
     if options.time_column is not None:
-        return list(filter(None, [time_name(path, names, options)]))
+        specified = find_time_column(path, names, options)
+        return [] if specified is None else [specified]
     if len(names) < 2:
         return []
-    called, rising = [], []
+
+    named_clocks: list[str] = []
+    rising_columns: list[str] = []
     for name in names:
-        stated = raw.rates.get(name, raw.sample_rate)
-        if match_time_name(name) and (
-            (_is_of_time(raw, name) and stated is None) or _is_clock(raw, name)
-        ):
-            called.append(name)
+        file_rate = raw.rates.get(name, raw.sample_rate)
+        may_be_time = _may_be_time(raw, name)
+        has_time_name = match_time_name(name) is not None
+        if has_time_name and ((may_be_time and file_rate is None) or _is_clock(raw, name)):
+            named_clocks.append(name)
         elif (
-            _is_of_time(raw, name)
-            and not OTHER_AXIS.search(name)
+            may_be_time
+            and not _OTHER_AXIS.search(name)
             and _is_clock(raw, name, may_count=options.time_unit is not None)
-            and (stated is None or _steps_at(stated, raw.columns[name]))
+            and (file_rate is None or _has_rate(raw.columns[name], file_rate))
         ):
-            rising.append(name)
-    chosen = (
-        ([name for name in called if _is_clock(raw, name)] if len(called) > 1 else [])
-        or called
-        or rising
-    )
-    return chosen if len(chosen) < len(names) else chosen[:1]
+            rising_columns.append(name)
+
+    clocks = named_clocks or rising_columns
+    if len(named_clocks) > 1:
+        clocks = [name for name in named_clocks if _is_clock(raw, name)] or clocks
+    # Some column must remain as a signal.
+    return clocks if len(clocks) < len(names) else clocks[:1]
 
 
-def _own_unit(raw: RawFile, name: str) -> str | None:
-    """Unit of a column; none where it is that of all, and not of the time among them."""
+def _column_unit(raw: RawFile, name: str) -> str | None:
+    """Return the unit of a column.
+
+    None if it is the unit of all columns, which does not hold for the time among them.
+    """
     unit = raw.units.get(name)
-    of_all = unit not in TIME_UNITS and all(raw.units.get(each) == unit for each in raw.columns)
-    return None if of_all and (match_time_name(name) or _FIRST.search(name)) else unit
+    is_common = unit not in TIME_UNITS
+    is_common = is_common and all(raw.units.get(column) == unit for column in raw.columns)
+    if is_common and (match_time_name(name) or _FIRST_VECTOR.search(name)):
+        return None
+    return unit
 
 
-def _is_of_time(raw: RawFile, name: str) -> bool:
-    return _own_unit(raw, name) in (None, *TIME_UNITS)
+def _may_be_time(raw: RawFile, name: str) -> bool:
+    return _column_unit(raw, name) in (None, *TIME_UNITS)
 
 
-def _clock_of(raw: RawFile, name: str, column: Column, clocks: Mapping[str, Any]) -> str | None:
-    """The clock that holds for a column: of its own length, in the nearest group, before it, and
-    with a rate.
+def _clock_for(raw: RawFile, name: str, column: Column, clocks: Mapping[str, _Clock]) -> str | None:
+    """Return the clock that holds for a column, or None.
+
+    It has as many samples, and is in the group of the column or around it. The nearest group
+    counts first, then a clock with a rate, then the last one before the column.
     """
     names = list(raw.columns)
 
-    def merit(clock: str) -> tuple[int, bool, bool, int]:
-        scope = re.split(r"[^./]*$", clock)[0]
-        at = names.index(clock) - names.index(name)
-        return len(scope), clocks[clock][0] is not None, at < 0, at if at < 0 else -at
+    def rank(clock: str) -> tuple[int, bool, bool, int]:
+        offset = names.index(clock) - names.index(name)
+        is_before = offset < 0
+        return (
+            len(_group_of(clock)),
+            clocks[clock].rate is not None,
+            is_before,
+            offset if is_before else -offset,
+        )
 
-    fitting = [
+    candidates = [
         clock
         for clock in clocks
-        if len(raw.columns[clock]) == len(column)
-        and name.startswith(re.split(r"[^./]*$", clock)[0])
+        if len(raw.columns[clock]) == len(column) and name.startswith(_group_of(clock))
     ]
-    return max(fitting, key=merit, default=None)
+    return max(candidates, key=rank, default=None)
 
 
 def _is_clock(raw: RawFile, name: str, *, may_count: bool = False) -> bool:
-    """Whether a column rises evenly, as no vibration does, at a rate of a measurement, beside
-    another of its length.
+    """Return whether a column rises evenly, as no vibration does, at a rate of a measurement.
 
-    One that rises by one is a counter, unless somebody says that it `may_count` the time.
+    Another column must have as many samples. A column that rises by one is a counter, unless
+    somebody specified that it `may_count` the time.
     """
     column = raw.columns[name]
-    if len(column) < 16 or sum(len(other) == len(column) for other in raw.columns.values()) < 2:
+    same_length = sum(len(other) == len(column) for other in raw.columns.values())
+    if len(column) < _MIN_CLOCK_SAMPLES or same_length < 2:
         return False
-    head = np.asarray(column[0:_HEAD], dtype=np.float64)
+
+    head = _read_head(column)
     steps = np.diff(head)
-    usual = float(np.median(steps))
-    even = np.abs(steps - usual) <= 0.5 * usual
-    if not (np.isfinite(head).all() and (steps > 0).all() and even.mean() > 0.5):
+    median_step = float(np.median(steps))
+    is_even = np.abs(steps - median_step) <= 0.5 * median_step
+    if not (np.isfinite(head).all() and (steps > 0).all() and is_even.mean() > 0.5):
         return False
-    rate = 1 / (usual * TIME_UNITS[_unit_by_size(head) or "s"])
-    is_count = usual == 1 and _unit_by_size(head) is None and not may_count
-    sparse = np.asarray(column[0 :: 1 + len(column) // ENOUGH], dtype=np.float64)
-    return not is_count and rate <= _FASTEST and bool((np.diff(sparse) > 0).all())
+
+    unit = _unit_by_size(head)
+    rate = 1 / (median_step * TIME_UNITS[unit or "s"])
+    is_counter = median_step == 1 and unit is None and not may_count
+    if is_counter or rate > _MAX_UNNAMED_RATE_HZ:
+        return False
+
+    sparse = np.asarray(column[0 :: 1 + len(column) // MEDIAN_SAMPLES], dtype=np.float64)
+    return bool((np.diff(sparse) > 0).all())
 
 
-def _steps_at(rate: float, column: Column) -> bool:
-    usual = float(np.median(np.diff(np.asarray(column[0:_HEAD], dtype=np.float64))))
-    return math.isclose(usual * rate, 1.0, rel_tol=COARSE)
+def _read_head(column: Column) -> Float[np.ndarray, " time"]:
+    return np.asarray(column[0:_HEAD_SAMPLES], dtype=np.float64)
 
 
-def _is_counter(raw: RawFile, name: str, column: Column) -> bool:
-    """Whether a column holds whole numbers that rise by one, from the beginning again or not, or
-    rises evenly.
+def _has_rate(column: Column, rate: float) -> bool:
+    """Return whether the steps [s] of a column give a rate [Hz]."""
+    median_step = float(np.median(np.diff(_read_head(column))))
+    return math.isclose(median_step * rate, 1.0, rel_tol=MAX_RATE_ERROR)
 
-    It has no unit of another quantity. One that is called as counters are may skip samples.
+
+def _find_counters(raw: RawFile, clocks: Sequence[str]) -> list[str]:
+    """Return counters of samples, and beside a clock further columns named as times."""
+    rest = [name for name in raw.columns if name not in clocks]
+    counters = [
+        name
+        for name in rest
+        if (len(raw.columns) > 1 and _is_counter(raw, name))
+        or (clocks and match_time_name(name) and raw.units.get(name) in (None, *TIME_UNITS))
+    ]
+    return counters if len(counters) < len(rest) else []
+
+
+def _is_counter(raw: RawFile, name: str) -> bool:
+    """Return whether a column holds whole numbers that rise by one, or rises evenly.
+
+    The numbers may begin again. The column has no unit of another quantity. A column that is named
+    as a counter may skip samples.
     """
-    if not _is_of_time(raw, name) or len(column) < 3:
+    column = raw.columns[name]
+    if not _may_be_time(raw, name) or len(column) < 3:
         return False
-    head = np.asarray(column[0:_HEAD], dtype=np.float64)
+
+    head = _read_head(column)
     if not (head == np.round(head)).all():
         return _is_clock(raw, name)
-    steps = _counted(head)
-    may_skip = _COUNTER_NAME.fullmatch(re.split(r"[./]", name)[-1].strip()) is not None
-    is_counted = (
-        np.median(steps) == 1
-        and (steps >= 1).all()
-        and (may_skip or (len(steps) > 15 and steps.max() == 1))
-    )
-    return bool(is_counted) or _is_clock(raw, name)
+
+    steps = _counter_steps(head)
+    may_skip = _COUNTER_NAME.fullmatch(_name_in_group(name)) is not None
+    is_complete = len(steps) > 15 and steps.max() == 1
+    if np.median(steps) == 1 and (steps >= 1).all() and (may_skip or is_complete):
+        return True
+    return _is_clock(raw, name)
 
 
-def _counted(counts: Float[np.ndarray, " time"]) -> Float[np.ndarray, " step"]:
-    """Steps of a counter, which may begin again after its largest number."""
-    steps, span = np.diff(counts), counts.max() - counts.min()
-    if span >= 15:
+def _counter_steps(counts: Float[np.ndarray, " time"]) -> Float[np.ndarray, " step"]:
+    """Return the steps of a counter, which may begin again after its largest number."""
+    steps = np.diff(counts)
+    span = counts.max() - counts.min()
+    if span >= 15:  # a counter of fewer bits than four is a flag
         steps[steps == -span] = 1
     return steps
 
 
-def _lost(counter: Column) -> tuple[int, int] | None:
-    """How many samples a counter by ones skips, and at how many places; None where it skips
-    none.
-    """
+def _count_lost_samples(counter: Column) -> tuple[int, int] | None:
+    """Return how many samples a counter skips, and at how many places; None if it skips none."""
     counts = np.asarray(counter[:], dtype=np.float64)
-    steps = _counted(counts)
+    steps = _counter_steps(counts)
     if np.median(steps) != 1 or not (counts == np.round(counts)).all():
-        return None  # a ramp
-    places = int((steps != 1).sum())
-    return (int((steps - 1).sum()), places) if places else None
+        return None  # a ramp, which counts no samples
+
+    gap_count = int((steps != 1).sum())
+    return (int((steps - 1).sum()), gap_count) if gap_count else None
 
 
 def _unit_by_size(head: Float[np.ndarray, " time"]) -> str | None:
-    """Unit of times since 1970, or of days of a spreadsheet, which their size tells; else None."""
-    for least, unit in _EPOCHS.items():
-        if least <= head[0] < 10 * least:
+    """Return the unit of times since 1970, or of days of a spreadsheet, by their size; else None."""
+    for minimum, unit in _EPOCHS.items():
+        if minimum <= head[0] < 10 * minimum:
             return unit
-    is_days = any(least < head[0] < most for least, most in _DAYS) and head[-1] - head[0] < 1
-    return "d" if is_days else None
+
+    is_date = any(lowest < head[0] < highest for lowest, highest in _DAY_RANGES)
+    return "d" if is_date and head[-1] - head[0] < 1 else None
 
 
-def _unit(path: Path, raw: RawFile, name: str, options: ReadOptions) -> float | None:
-    """Seconds of one unit of a clock: as stated, by its heading, its name or its size; None where
-    nothing says it.
+def _clock_unit(path: Path, raw: RawFile, name: str, options: ReadOptions) -> float | None:
+    """Return the seconds of one unit of a clock, or None if nothing states its unit.
+
+    It is specified, or stated by the clock's heading, name or size.
     """
-    head = np.asarray(raw.columns[name][0:_HEAD], dtype=np.float64)
-    in_file, match = _own_unit(raw, name), match_time_name(name)
-    words = match and next(filter(None, match.groups()), None)
-    unit = options.time_unit or in_file or words or _unit_by_size(head)
+    name_match = match_time_name(name)
+    unit_in_name = None
+    if name_match:
+        unit_in_name = next((text for text in name_match.groups() if text), None)
+
+    unit = options.time_unit or _column_unit(raw, name) or unit_in_name
+    unit = unit or _unit_by_size(_read_head(raw.columns[name]))
     if unit is None and re.search(r"[\[(].*[a-zA-Z].*[\])]$", name):
-        unit = name
-    if unit is not None and normalize_unit(unit) not in TIME_UNITS:
+        unit = name  # an unknown unit in brackets, which must not be taken for seconds
+    if unit is None:
+        return None
+
+    if normalize_unit(unit) not in TIME_UNITS:
         raise DataError(
-            f"{path}: the time column {name!r} is in {unit!r}, which is none of {', '.join(TIME_UNITS)}; say "
-            'time_unit = "ms" or what it is, or name another time_column.'
+            f"{path}: the time column {name!r} is in {unit!r}, which is not one of "
+            f"{', '.join(TIME_UNITS)}.",
+            field="time_unit",
+            remedy="Set {time_unit='ms'} or what it is, or name another {time_column}.",
         )
-    return None if unit is None else TIME_UNITS[normalize_unit(unit)]
+    return TIME_UNITS[normalize_unit(unit)]

@@ -20,7 +20,7 @@ from swashtwin.foundation import (
     require_memory,
     spreadsheet_text,
 )
-from swashtwin.recordings.formats.clock import extract_time, require_one_rate, time_name
+from swashtwin.recordings.formats.clock import extract_time, find_time_column, require_one_rate
 from swashtwin.recordings.formats.dialects import (
     HEAD,
     MISSING,
@@ -214,7 +214,7 @@ class _Table:
             for name, kind in zip(self._names, self._kinds, strict=True)
             if kind in (Kind.text, Kind.date)
         ]
-        time = time_name(self._path, list(columns), options) or next(iter(stamps), None)
+        time = find_time_column(self._path, list(columns), options) or next(iter(stamps), None)
         left_out = {
             "text_columns": [*words, *(name for name in stamps if name != time)],
             "blank_columns": [name for name in blank if not name.startswith("column_")],

@@ -1,4 +1,4 @@
-"""The times of a column: the rate that they show, and what is wrong with their spacing."""
+"""The sample rate that the times of a column show, and what is wrong with their spacing."""
 
 import math
 from pathlib import Path
@@ -6,164 +6,223 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, render_settings
 from swashtwin.recordings.formats.columns import BLOCK_SAMPLES, Column
 from swashtwin.recordings.formats.raw_file import snap_rate
 
-COARSE = 5e-3
-"""Relative doubt about a rate beyond which a time column does not state it."""
-_SLOW = 20.0
-"""Rate [Hz] up to which times without a unit are doubted: they may as well be milliseconds, or
-ticks.
-"""
-_MOST_PARTS = 100
-"""Recordings that one table holds at most; a clock that begins again more often is broken."""
-NO_UNIT = "its times have no unit"
-"""How the doubt about times begins that a stated rate removes."""
-ENOUGH = 1 << 18
+MAX_RATE_ERROR = 5e-3
+"""Relative uncertainty of a rate above which a time column does not state it."""
+MEDIAN_SAMPLES = 1 << 18
 """Samples, spread over the whole column, of which a median is taken."""
-_HEAD = 1000
+NO_UNIT = "its times have no unit"
+"""Beginning of the doubt about times that a specified rate or unit removes."""
+_MAX_DOUBTED_RATE_HZ = 20.0
+"""Times without a unit that give a lower rate may as well be milliseconds, or ticks."""
+_MAX_PARTS = 100
+"""Recordings of one table; a clock that begins again more often is broken."""
+_EPOCH_THRESHOLD_S = 1e6
+"""Times beyond it are since 1970, and need their digits for the steps between them."""
+_MIN_TOLERANCE = 1e-6
+"""Relative tolerance of a rate: clocks of instruments are no better."""
+_MAX_TOLERANCE = 0.01
+_DIGIT_SAMPLES = 1000
+"""Samples at each end of a column by which the digits of its times are counted."""
+_REGULAR_BAND = 0.25
+"""Relative distance from the median within which a step counts as one sample."""
 
 
 def read_time_column(
     path: Path, column: Column, unit: float | None = 1.0
 ) -> tuple[float | None, str]:
-    """Sample rate [Hz] of a time column, and what is wrong with its spacing (empty where nothing
-    is).
+    """Return the sample rate [Hz] of a time column, and what is wrong with its spacing.
 
-    The rate is None where the times are too coarse to tell it, or have no unit and would give an
-    unlikely one.
+    The rate is None if the times are too coarse to tell it, or if they have no unit and would give
+    an unlikely one. The text is empty if nothing is wrong.
 
     Parameters
     ----------
-    unit : seconds of one unit of the column; None where nobody says it.
+    unit : seconds of one unit of the column; None if it is unknown.
+
+    Raises
+    ------
+    DataError
+        The column does not rise, or its first time is missing.
     """
-    time = times_of(column, unit or 1.0)
-    missing = ~np.isfinite(time)
-    if missing[:1].any():
+    time = read_times(column, unit or 1.0)
+
+    is_missing = ~np.isfinite(time)
+    if is_missing[:1].any():
         raise DataError(
             f"{path}: the time column has no time at its first sample; remove that line."
         )
-    if missing.any():
-        return None, f"the time column has no time at {int(missing.sum())} of its samples"
+    if is_missing.any():
+        return None, f"the time column has no time at {int(is_missing.sum())} of its samples"
+
     steps = np.diff(time)
-    usual = _median(steps) if time.size > 2 else 0.0
-    if time.size < 3 or not (time[-1] > time[0] or usual > 0):
+    median_step = _median(steps) if time.size > 2 else 0.0
+    if time.size < 3 or not (time[-1] > time[0] or median_step > 0):
         raise DataError(f"{path}: the time column does not rise from its first to its last sample.")
-    ends = time[:_HEAD], time[-_HEAD:]  # later times may have fewer digits
-    digits = min(
-        next((d for d in range(12) if np.abs(end - np.round(end, d)).max() < 1e-12), 12)
-        for end in ends
-    )
-    first = np.asarray(column[0:1])[0]  # a count of days is not as fine as its digits
-    spacing = (
-        2 * (unit or 1.0) * float(np.spacing(abs(first))) if isinstance(first, np.floating) else 0.0
-    )
-    rate, gaps = _rate(path, time, steps, usual, max(10.0**-digits, spacing))
-    if unit is None and rate is not None and rate <= _SLOW:
-        return (
-            None,
-            f'{NO_UNIT}, and would be {rate:.6g} Hz in seconds; say time_unit = "ms" or what it is',
-        )
-    return rate, gaps
+
+    quantum = _time_resolution(column, time, unit or 1.0)
+    rate, problem = _rate(path, time, steps, median_step, quantum)
+    if unit is None and rate is not None and rate <= _MAX_DOUBTED_RATE_HZ:
+        advice = render_settings("set {time_unit='ms'} or what it is")
+        return None, f"{NO_UNIT}, and would be {rate:.6g} Hz in seconds; {advice}"
+    return rate, problem
 
 
-def times_of(column: Column, unit: float) -> Float[np.ndarray, " time"]:
-    """Times of a column [s]; those since 1970 since the first, as their digits are needed for the
-    steps.
+def read_times(column: Column, unit: float) -> Float[np.ndarray, " time"]:
+    """Return the times of a column [s]; times since 1970 are returned since the first.
+
+    Parameters
+    ----------
+    unit : seconds of one unit of the column.
     """
-    counts = np.concatenate(
-        [np.asarray(column[at : at + BLOCK_SAMPLES]) for at in range(0, len(column), BLOCK_SAMPLES)]
-        or [np.empty(0)]
-    )
-    if counts.size and abs(float(counts[0]) * unit) > 1e6:
+    blocks = [
+        np.asarray(column[start : start + BLOCK_SAMPLES])
+        for start in range(0, len(column), BLOCK_SAMPLES)
+    ]
+    counts = np.concatenate(blocks or [np.empty(0)])
+
+    # Before the conversion to floating point, which would round the steps.
+    if counts.size and abs(float(counts[0]) * unit) > _EPOCH_THRESHOLD_S:
         counts = counts - counts[0]
     return np.asarray(counts, dtype=np.float64) * unit
 
 
-def restarts(time: Float[np.ndarray, " time"]) -> list[int]:
-    """Samples at which the time begins again and goes on from there; none where it does so all the
-    time.
+def find_restarts(time: Float[np.ndarray, " time"]) -> list[int]:
+    """Return the samples at which the time begins again and goes on from there.
+
+    None if it does so all the time: that clock is broken.
     """
-    late = time[1:-2] - 10 * _median(np.diff(time))
-    back = (time[2:-1] < late) & (time[2:-1] < time[:-3]) & (time[3:] < time[1:-2])
-    found: list[int] = (2 + np.flatnonzero(back)).tolist()
-    return found if len(found) <= _MOST_PARTS else []
+    # Two samples must lie before, and the next one after them must go on: a single outlier, or two
+    # samples that were swapped, are not a restart.
+    earliest_regular = time[1:-2] - 10 * _median(np.diff(time))
+    is_back = time[2:-1] < earliest_regular
+    is_back &= (time[2:-1] < time[:-3]) & (time[3:] < time[1:-2])
+    restarts: list[int] = (2 + np.flatnonzero(is_back)).tolist()
+    return restarts if len(restarts) <= _MAX_PARTS else []
 
 
 def _median(values: Float[np.ndarray, " step"]) -> float:
-    """Median of some thousands of them, spread over all."""
-    return float(np.median(values[:: 1 + len(values) // ENOUGH]))
+    """Return the median of some values, spread over all."""
+    return float(np.median(values[:: 1 + len(values) // MEDIAN_SAMPLES]))
+
+
+def _time_resolution(column: Column, time: Float[np.ndarray, " time"], unit: float) -> float:
+    """Return the resolution [s] to which the times are written."""
+    end_digits: list[int] = []
+    for end in (time[:_DIGIT_SAMPLES], time[-_DIGIT_SAMPLES:]):  # later times may have fewer digits
+        fitting = (
+            digits for digits in range(12) if np.abs(end - np.round(end, digits)).max() < 1e-12
+        )
+        end_digits.append(next(fitting, 12))
+    written = 10.0 ** -min(end_digits)
+
+    # A count of days since 1900 in double precision is not as fine as its digits.
+    first = np.asarray(column[0:1])[0]
+    if not isinstance(first, np.floating):
+        return max(written, 0.0)
+    return max(written, 2 * unit * float(np.spacing(abs(first))))
 
 
 def _rate(
     path: Path,
     time: Float[np.ndarray, " time"],
     steps: Float[np.ndarray, " step"],
-    usual: float,
+    median_step: float,
     quantum: float,
 ) -> tuple[float | None, str]:
-    """Rate [Hz] of times that are written to `quantum` [s], and what is wrong with their
-    spacing.
+    """Return the rate [Hz] of times that are written to `quantum` [s], and what is wrong.
+
+    If samples are lost, the rate is that of the steps between those that are not. Else it is that
+    of the whole time, to which the rounding of the times contributes least.
     """
-    span, number = time[-1] - time[0], np.arange(len(time))
-    step, half = span / len(steps), len(time) // 2
-    if abs(step - (paired := _median(time[half:] - time[: len(time) - half]) / half)) * len(
-        time
-    ) > 4 * quantum + (1e-9 * span):
-        step = max(paired, 1e-300)  # the first or the last contradicts the others
-    if step > 0 and (regular := _regular_step(steps, step, quantum)) is not None:
-        if math.isnan(regular):
-            return None, (
-                f"its times are too coarse to tell {1 / usual:.6g} Hz with samples lost from {1 / step:.6g} Hz without"
-            )
-        tolerance = max(1e-6, min(0.01, 0.1 * quantum / regular))
-        return snap_rate(regular, tolerance), _spacing(
-            time, steps, regular, min(quantum, 0.1 * regular)
+    mean_step = _mean_step(time, steps, quantum)
+
+    sample_step = None
+    if mean_step > 0:
+        sample_step = _step_with_losses(steps, mean_step, quantum)
+    if sample_step is not None and math.isnan(sample_step):
+        return None, (
+            f"its times are too coarse to tell {1 / median_step:.6g} Hz with samples lost from "
+            f"{1 / mean_step:.6g} Hz without"
         )
-    strayed = time - step * number
-    drift = float(np.abs(strayed - _median(strayed)).max())
-    if drift <= max(0.5 * step, 1.01 * quantum):
-        tolerance = max(1e-6, min(quantum, 4 * drift) / span)
-        return (None if tolerance > COARSE else snap_rate(step, tolerance)), ""
-    if usual <= 0:
+    if sample_step is not None:
+        tolerance = max(_MIN_TOLERANCE, min(_MAX_TOLERANCE, 0.1 * quantum / sample_step))
+        resolution = min(quantum, 0.1 * sample_step)
+        problem = _describe_spacing(time, steps, sample_step, resolution)
+        return snap_rate(sample_step, tolerance), problem
+
+    deviation = time - mean_step * np.arange(len(time))
+    drift = float(np.abs(deviation - _median(deviation)).max())
+    if drift <= max(0.5 * mean_step, 1.01 * quantum):
+        span = time[-1] - time[0]
+        tolerance = max(_MIN_TOLERANCE, min(quantum, 4 * drift) / span)
+        return (None if tolerance > MAX_RATE_ERROR else snap_rate(mean_step, tolerance)), ""
+
+    if median_step <= 0:
         raise DataError(
             f"{path}: most steps of the time column are zero or negative; name another time_column."
         )
-    even = steps[np.abs(steps - usual) < 0.25 * usual]
-    tolerance = max(1e-6, min(0.01, 4 * quantum / (usual * len(even))))
-    return snap_rate(float(even.mean()), tolerance), _spacing(time, steps, usual, quantum)
+    regular_steps = steps[np.abs(steps - median_step) < _REGULAR_BAND * median_step]
+    tolerance = 4 * quantum / (median_step * len(regular_steps))
+    tolerance = max(_MIN_TOLERANCE, min(_MAX_TOLERANCE, tolerance))
+    rate = snap_rate(float(regular_steps.mean()), tolerance)
+    return rate, _describe_spacing(time, steps, median_step, quantum)
 
 
-def _regular_step(steps: Float[np.ndarray, " step"], step: float, quantum: float) -> float | None:
-    """Time between neighbors [s], where so many samples are lost that `step`, the mean, is another;
-    else None.
+def _mean_step(
+    time: Float[np.ndarray, " time"], steps: Float[np.ndarray, " step"], quantum: float
+) -> float:
+    """Return the mean step [s] from the ends, or from all pairs half the time apart.
 
-    NaN where steps of one and of two quanta may as well be a lower rate.
+    The second holds if the first or the last time contradicts the others.
     """
-    usual = _median(steps)
-    lost = (steps > 1.5 * usual).mean()
-    is_least = abs(usual / quantum - 1) < 1e-6 and steps.min() > 0
-    if lost < 0.005 or not (usual > 4 * quantum or is_least):
+    span = time[-1] - time[0]
+    half = len(time) // 2
+    mean_step: float = span / len(steps)
+    paired_step = _median(time[half:] - time[: len(time) - half]) / half
+    if abs(mean_step - paired_step) * len(time) > 4 * quantum + 1e-9 * span:
+        return max(paired_step, 1e-300)
+    return mean_step
+
+
+def _step_with_losses(
+    steps: Float[np.ndarray, " step"], mean_step: float, quantum: float
+) -> float | None:
+    """Return the time between neighboring samples [s] if samples are lost, else None.
+
+    Lost samples make the mean step larger than that of neighbors. NaN if steps of one and of two
+    quanta may as well be a lower rate without losses.
+    """
+    median_step = _median(steps)
+    lost_share = (steps > 1.5 * median_step).mean()
+    is_one_quantum = abs(median_step / quantum - 1) < 1e-6 and steps.min() > 0
+    if lost_share < 0.005 or not (median_step > 4 * quantum or is_one_quantum):
         return None
-    if is_least and lost > 0.15 and steps.max() < 2.5 * usual:
+    if is_one_quantum and lost_share > 0.15 and steps.max() < 2.5 * median_step:
         return math.nan
-    usual = float(steps[np.abs(steps - usual) < 0.25 * usual].mean())
-    return usual if step / usual - 1 > 2e-3 else None
+
+    is_regular = np.abs(steps - median_step) < _REGULAR_BAND * median_step
+    sample_step = float(steps[is_regular].mean())
+    return sample_step if mean_step / sample_step - 1 > 2e-3 else None
 
 
-def _spacing(
+def _describe_spacing(
     time: Float[np.ndarray, " time"],
     steps: Float[np.ndarray, " step"],
-    usual: float,
+    regular_step: float,
     quantum: float,
 ) -> str:
-    """What is wrong with the steps between samples."""
-    off = np.abs(steps - usual)
-    odd, worst = int((off > 0.5 * usual + quantum).sum()), int(off.argmax())
-    if not odd:
+    """Return what is wrong with the steps between samples."""
+    deviation = np.abs(steps - regular_step)
+    irregular_count = int((deviation > 0.5 * regular_step + quantum).sum())
+    if not irregular_count:
         return f"steps drift between {steps.min():.6g} s and {steps.max():.6g} s"
+
+    worst = int(deviation.argmax())
     return (
-        f"{odd} of {len(steps)} steps differ from the usual {usual:.6g} s; "
+        f"{irregular_count} of {len(steps)} steps differ from the usual {regular_step:.6g} s; "
         f"the worst is {steps[worst]:.6g} s at {time[worst]:.6g} s"
     )

@@ -13,7 +13,7 @@ from commandline import one_line, run, run_json
 from swashtwin.foundation import MPa
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, load_recordings, write_index, write_recording
-from swashtwin.signals import IndicatorTable, long_indicators
+from swashtwin.signals import IndicatorTable, summarize_long_recording
 
 RATE, SHAFT = 4000.0, 15.0
 
@@ -104,7 +104,7 @@ def test_features_goes_on_after_an_interrupt(
         described.append(recording.recording_id)
         if len(described) == 4:
             raise KeyboardInterrupt
-        return long_indicators(recording, describe)
+        return summarize_long_recording(recording, describe)
 
     monkeypatch.setattr("swashtwin.signals.long_indicators", stopping)
     assert "The same command continues" in one_line(run(*words, out, code=130))
@@ -170,7 +170,7 @@ def test_trend_by_time_draws_the_loud_recording_beside_the_others(
     ("command", "options", "code", "said"),
     [
         ("signal trend .", ("--indicator", "loudness"), 3, "no indicator 'loudness'"),
-        ("signal trend .", ("--baseline", "fine"), 3, "stated to be healthy"),
+        ("signal trend .", ("--baseline", "fine"), 3, "No recording is healthy"),
         ("signal features .", ("--out", "a.txt"), 3, "must end in .csv"),
         (
             "signal features .",

@@ -232,7 +232,7 @@ def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(
         ),
         ({"specimen": "B"}, "no healthy recording is of specimen B (A was recorded)"),
         ({"condition": None}, "does not state its speed and pressure"),
-        ({"length": 900}, "lasts 0.45 s (900 samples); to compare its levels takes 0.5 s"),
+        ({"length": 900}, "lasts 0.45 s (900 samples); its band powers need 0.5 s"),
         ({"signal": 1e200}, "larger than a window can hold"),
     ],
 )

@@ -101,7 +101,7 @@ def test_the_catalogue_names_the_levels_that_a_line_raises(orders: bool) -> None
 
 def test_shares_of_each_level_sum_to_one_and_orders_stay_whole() -> None:
     bands = evidence_bands(RATE, SHAFT, LENGTH)
-    catalogue = window_bands(LENGTH, orders=True)
+    catalogue = window_bands(LENGTH, uses_orders=True)
     shares = feature_shares(catalogue, bands, RATE, SHAFT / RATE)
     np.testing.assert_allclose(shares.sum(axis=1), 1)
     names = [band.name for band in bands]

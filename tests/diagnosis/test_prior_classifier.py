@@ -230,7 +230,7 @@ def changed(**values: object) -> Recording:
             changed(condition=CONDITION.replace(discharge_pressure=MPa(15))),
             "discharge pressure of 15 MPa",
         ),
-        (changed(condition=None), "states no speed"),
+        (changed(condition=None), "specifies no speed"),
         (
             changed(channels=("a", "b", "c")),
             "has the channels a, b, c, and the healthy recordings cover_z",

@@ -18,15 +18,16 @@ from swashtwin.signals import (
     defect_orders,
     indicator_table,
     indicators_of,
+    specified_angle,
     spectrum_of,
-    stacked,
-    stated_angle,
+    stack_tables,
 )
-from swashtwin.signals.envelope import Kurtogram, envelope_spectrum, kurtograms
-from swashtwin.signals.levels import (
+from swashtwin.signals.band_powers import band_rms
+from swashtwin.signals.envelope import envelope_spectrum
+from swashtwin.signals.kurtogram import Kurtogram, kurtograms
+from swashtwin.signals.waveform_statistics import (
     TIME_STATISTICS,
-    band_rms,
-    shape_statistics,
+    recording_statistics,
     time_statistics,
 )
 
@@ -106,7 +107,7 @@ def test_the_kurtogram_finds_the_band_that_rings(ring: float) -> None:
 
 
 def test_a_kurtogram_keeps_bands_that_are_wide_enough() -> None:
-    result = kurtogram(bursts(), least_bandwidth=600.0)
+    result = kurtogram(bursts(), min_bandwidth=600.0)
     assert (result.high - result.low).min() == pytest.approx(625)
     with pytest.raises(InputError, match="kurtogram"):
         kurtogram(np.ones(1000))
@@ -114,7 +115,7 @@ def test_a_kurtogram_keeps_bands_that_are_wide_enough() -> None:
 
 def test_statistics_of_blocks_are_the_time_statistics() -> None:
     signal = bursts()[None]
-    values = shape_statistics(Recording(signal + 5, RATE, "a"))
+    values = recording_statistics(Recording(signal + 5, RATE, "a"))
     whole = dict(zip(TIME_STATISTICS, time_statistics(signal - signal.mean())[0], strict=True))
     assert {name: value[0] for name, value in values.items()} == pytest.approx(
         {name: whole[name] for name in values}
@@ -149,7 +150,7 @@ def test_a_table_holds_what_scipy_says_of_each_channel() -> None:
 
 
 def test_lines_along_an_angle_keep_their_amplitude() -> None:
-    table = indicators_of(pump(), pistons=7, angle=stated_angle(pump()), families=("orders",))
+    table = indicators_of(pump(), pistons=7, angle=specified_angle(pump()), families=("orders",))
     assert table.column("order_amplitude 7x")[1] == pytest.approx([1, 1], rel=0.02)
 
 
@@ -175,8 +176,8 @@ def test_what_no_table_can_be_made_of_is_said() -> None:
         indicators_of(pump(), families=("speed",))
     with pytest.raises(InputError, match="pistons"):
         indicators_of(pump(), pistons=0)
-    with pytest.raises(DataError, match="no recording"):
-        stacked([])
+    with pytest.raises(DataError, match="No recording"):
+        stack_tables([])
     with pytest.raises(InputError, match="no indicator 'rsm'"):
         indicators_of(pump()).column("rsm")
 
@@ -187,7 +188,7 @@ def test_the_piston_line_stands_where_the_mark_is(kind: str, position: float) ->
     assert spectrum.position[spectrum.amplitude[0].argmax()] == pytest.approx(position, rel=0.002)
     assert spectrum.amplitude[0].max() == pytest.approx(1, rel=0.05)
     assert [mark.name for mark in spectrum.marks] == ["1x", "2x", "7x", "14x", "21x", "28x", "35x"]
-    assert spectrum.marks[2].at == pytest.approx(position)
+    assert spectrum.marks[2].position == pytest.approx(position)
 
 
 def test_an_envelope_band_beyond_half_the_sample_rate_is_refused() -> None:
@@ -205,9 +206,11 @@ def test_a_long_recording_is_described_in_stretches_and_its_statistics_are_those
     )
     recording = Recording(signal, RATE, "long", ("x", "y"), attributes={"speed": "1500 rpm"})
     whole = indicators_of(recording, pistons=9)
-    monkeypatch.setattr(indicator_table, "LONGEST", 100_000)
-    monkeypatch.setattr(indicator_table, "_STRETCH", 60_000)
-    parts = indicator_table.long_indicators(recording, lambda part: indicators_of(part, pistons=9))
+    monkeypatch.setattr(indicator_table, "MAX_SAMPLES", 100_000)
+    monkeypatch.setattr(indicator_table, "STRETCH_SAMPLES", 60_000)
+    parts = indicator_table.summarize_long_recording(
+        recording, lambda part: indicators_of(part, pistons=9)
+    )
     assert (parts.rows, parts.columns) == (whole.rows, whole.columns)
     for name in ("rms", "peak", "crest_factor", "kurtosis", "skewness"):
         assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=1e-9)

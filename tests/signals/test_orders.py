@@ -18,10 +18,10 @@ from swashtwin.recordings import Recording, inspect_recordings, specified_shaft_
 from swashtwin.signals import (
     ShaftAngle,
     piston_pass_angle,
-    resampled_by_angle,
-    stated_angle,
-    tachometer_speed,
-    tracked_speed,
+    resample_by_angle,
+    specified_angle,
+    tachometer_angle,
+    track_shaft_angle,
 )
 from swashtwin.signals.spectra import amplitude_spectrum
 
@@ -76,7 +76,7 @@ def wandering(angle: ShaftAngle, true: np.ndarray) -> float:
 @pytest.mark.parametrize(("pulses", "limit"), [(1, 1.0), (8, 0.6), (60, 0.6)])
 def test_pulses_give_the_angle_of_a_run_up(pulses: int, limit: float) -> None:
     true = shaft_speed(swing=0.005)
-    angle = tachometer_speed(tacho(true, pulses), "tacho", pulses)
+    angle = tachometer_angle(tacho(true, pulses), "tacho", pulses)
     assert wandering(angle, true) < limit  # one sample is 0.65 degrees at 18 Hz
     assert angle.mean_speed == pytest.approx(2 * np.pi * 15, rel=1e-3)
     assert 0 < math.degrees(angle.deviation) < 1
@@ -87,29 +87,29 @@ def test_a_missed_pulse_is_refused_with_its_time() -> None:
     signal = recording.signal.copy()
     signal[1, int(2.0 * RATE) : int(2.06 * RATE)] = 0.1
     with pytest.raises(DataError, match=r"pulses at 1\.9.* a pulse was missed"):
-        tachometer_speed(replace(recording, signal=signal), "tacho")
+        tachometer_angle(replace(recording, signal=signal), "tacho")
 
 
 def test_a_channel_without_pulses_is_no_tachometer() -> None:
     with pytest.raises(DataError, match="0 pulses"):
-        tachometer_speed(tacho(shaft_speed()), "a")
+        tachometer_angle(tacho(shaft_speed()), "a")
     with pytest.raises(InputError, match="no channel 'b'"):
-        tachometer_speed(tacho(shaft_speed()), "b")
+        tachometer_angle(tacho(shaft_speed()), "b")
     with pytest.raises(InputError, match="pulses_per_turn"):
-        tachometer_speed(tacho(shaft_speed()), "tacho", 0)
+        tachometer_angle(tacho(shaft_speed()), "tacho", 0)
 
 
 @pytest.mark.parametrize("swing", [0.0, 0.005, 0.02])
 def test_a_wandering_speed_is_followed_on_the_piston_line(swing: float) -> None:
     true = shaft_speed(start=14.2, end=14.4, swing=swing)
-    angle = tracked_speed(turning(true, noise=0.3), order=7, near=rpm(860))
+    angle = track_shaft_angle(turning(true, noise=0.3), order=7, near=rpm(860))
     assert wandering(angle, true) < 1.5
     assert angle.quality == 1.0
 
 
 def test_a_run_up_by_half_is_followed_from_one_guess() -> None:
     true = shaft_speed(start=12, end=18)
-    angle = tracked_speed(turning(true, noise=0.3), order=7, near=2 * np.pi * 15, search=0.25)
+    angle = track_shaft_angle(turning(true, noise=0.3), order=7, near=2 * np.pi * 15, search=0.25)
     assert wandering(angle, true) < 1.5
 
 
@@ -118,7 +118,7 @@ def test_the_stated_error_is_the_error_that_noise_makes() -> None:
     inside = slice(1000, -1000)
     errors, stated = [], []
     for seed in range(6):
-        angle = tracked_speed(turning(true, noise=2.0, seed=seed), order=7, near=rpm(860))
+        angle = track_shaft_angle(turning(true, noise=2.0, seed=seed), order=7, near=rpm(860))
         error = (angle.angle - true)[inside]
         errors.append((error - error.mean()).std())
         stated.append(angle.deviation)
@@ -128,7 +128,7 @@ def test_the_stated_error_is_the_error_that_noise_makes() -> None:
 def test_noise_without_a_line_is_not_followed() -> None:
     noise = np.random.default_rng(0).standard_normal((2, 80000))
     with pytest.raises(DataError, match="stands clear of the noise"):
-        tracked_speed(Recording(noise, RATE, "noise", ("a", "b")), order=7, near=rpm(860))
+        track_shaft_angle(Recording(noise, RATE, "noise", ("a", "b")), order=7, near=rpm(860))
 
 
 def test_a_hump_of_noise_is_no_line() -> None:
@@ -140,12 +140,12 @@ def test_a_hump_of_noise_is_no_line() -> None:
     noise = np.random.default_rng(1).standard_normal(100_000)
     hump = 20 * scipy.signal.sosfilt(sos, noise)[20_000:] + 0.1 * noise[20_000:]
     with pytest.raises(DataError, match="stands clear of the noise"):
-        tracked_speed(Recording(hump[None], RATE, "hump"), order=7, near=rpm(860))
+        track_shaft_angle(Recording(hump[None], RATE, "hump"), order=7, near=rpm(860))
 
 
 def test_a_line_at_the_edge_of_the_search_is_refused() -> None:
     with pytest.raises(DataError, match=r"as far as the search goes|stands clear"):
-        tracked_speed(
+        track_shaft_angle(
             turning(shaft_speed(start=14.9, end=14.9), noise=0.1),
             order=7,
             near=rpm(860),
@@ -156,15 +156,15 @@ def test_a_line_at_the_edge_of_the_search_is_refused() -> None:
 def test_what_cannot_be_followed_is_said() -> None:
     recording = turning(shaft_speed(seconds=0.8))
     with pytest.raises(DataError, match="needs 16"):
-        tracked_speed(recording, order=7, near=rpm(860))
+        track_shaft_angle(recording, order=7, near=rpm(860))
     with pytest.raises(InputError, match="nobody stated its speed"):
-        tracked_speed(recording, order=7)
+        track_shaft_angle(recording, order=7)
     with pytest.raises(InputError, match="less than half the sample rate"):
-        tracked_speed(recording, order=700, near=rpm(860))
+        track_shaft_angle(recording, order=700, near=rpm(860))
     with pytest.raises(InputError, match="at least one order"):
-        tracked_speed(recording, order=(), near=rpm(860))
+        track_shaft_angle(recording, order=(), near=rpm(860))
     with pytest.raises(InputError, match="positive speed"):
-        tracked_speed(recording, order=7, near=-1.0)
+        track_shaft_angle(recording, order=7, near=-1.0)
 
 
 @settings(max_examples=12, deadline=None)
@@ -177,7 +177,7 @@ def test_a_line_keeps_its_amplitude_along_the_angle(
     true = shaft_speed(seconds=4.0, start=13, end=16, swing=swing)
     recording = Recording(np.cos(order * true + 0.5)[None], RATE, "run")
     angle = ShaftAngle(true, RATE, math.nan, math.nan, "the truth")
-    turned = resampled_by_angle(recording, angle, per_turn)
+    turned = resample_by_angle(recording, angle, per_turn)
     whole = turned.signal[:, 2 * per_turn : 50 * per_turn]
     lines = np.fft.rfft(whole[0]) * 2 / whole.shape[1]
     assert abs(lines[48 * order]) == pytest.approx(1, abs=0.01)
@@ -187,7 +187,7 @@ def test_a_line_keeps_its_amplitude_along_the_angle(
 def test_orders_above_the_new_rate_are_cut_off_and_do_not_fold() -> None:
     true = shaft_speed(start=13, end=16)
     recording = Recording(np.cos(200 * true)[None], RATE, "run")
-    turned = resampled_by_angle(recording, ShaftAngle(true, RATE, 0.0, 1.0, "truth"), 256)
+    turned = resample_by_angle(recording, ShaftAngle(true, RATE, 0.0, 1.0, "truth"), 256)
     assert np.abs(turned.signal[:, 512:-512]).max() < 0.01
 
 
@@ -195,8 +195,8 @@ def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
     true = shaft_speed(start=14, end=14.6)
     condition = OperatingCondition(rpm(860), MPa(15))
     recording = replace(turning(true, noise=0.1), condition=condition, label="normal")
-    angle = tracked_speed(recording, order=7)
-    turned = resampled_by_angle(recording, angle, 512)
+    angle = track_shaft_angle(recording, order=7)
+    turned = resample_by_angle(recording, angle, 512)
     assert turned.attributes["domain"] == "angle"
     assert turned.attributes["samples_per_turn"] == "512"
     assert turned.condition == condition
@@ -210,29 +210,29 @@ def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
     )
     assert not inspect_recordings([turned]).recordings[0].findings
     with pytest.raises(InputError, match="already"):
-        resampled_by_angle(turned, angle, 512)
+        resample_by_angle(turned, angle, 512)
 
 
 def test_what_cannot_be_laid_along_an_angle_is_said() -> None:
     recording = turning(shaft_speed())
     angle = ShaftAngle(shaft_speed(), RATE, 0.0, 1.0, "truth")
     with pytest.raises(InputError, match="even number"):
-        resampled_by_angle(recording, angle, 255)
+        resample_by_angle(recording, angle, 255)
     with pytest.raises(InputError, match="take the angle from this recording"):
-        resampled_by_angle(turning(shaft_speed(seconds=4)), angle, 256)
+        resample_by_angle(turning(shaft_speed(seconds=4)), angle, 256)
     with pytest.raises(InputError, match="played_at"):
-        resampled_by_angle(recording, angle, 256, played_at=0.0)
+        resample_by_angle(recording, angle, 256, played_at=0.0)
     still = replace(recording, speed=np.zeros(recording.signal.shape[1]))
     with pytest.raises(InputError, match="stands still"):
-        stated_angle(still)
+        specified_angle(still)
 
 
 def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> None:
     recording = turning(shaft_speed(start=14.0, end=14.6), noise=0.1)
-    angles = tracked_speed(recording, order=(7, 400, 700), near=rpm(860))
+    angles = track_shaft_angle(recording, order=(7, 400, 700), near=rpm(860))
     assert angles.source == "the line at order 7"
     with pytest.raises(InputError, match=r"order 400 .* less than half the sample rate"):
-        tracked_speed(recording, order=(700, 400), near=rpm(860))
+        track_shaft_angle(recording, order=(700, 400), near=rpm(860))
 
 
 # ---- the angle from the piston-pass lines

@@ -97,7 +97,7 @@ class Shaft:
         """The shaft's angle, or None where no option says how to find it."""
         if self.tachometer is not None:
             from swashtwin.recordings import load_extra_channel
-            from swashtwin.signals import tachometer_speed
+            from swashtwin.signals import tachometer_angle
 
             channel, pulses = self._tachometer_of(recording)
             source = (
@@ -105,13 +105,13 @@ class Shaft:
                 if channel in recording.channels
                 else load_extra_channel(recording, channel)
             )
-            return tachometer_speed(source, channel, pulses)
+            return tachometer_angle(source, channel, pulses)
         orders = read_list(self.track, int, "--track")
         if orders is None:
             return None
-        from swashtwin.signals import tracked_speed
+        from swashtwin.signals import track_shaft_angle
 
-        return tracked_speed(recording, order=orders)
+        return track_shaft_angle(recording, order=orders)
 
     def vibration_of(self, recording: "Recording") -> "Recording":
         """The recording without the tachometer."""
@@ -247,7 +247,7 @@ def spectrum(
     marks = [
         {
             "name": mark.name,
-            "at": mark.at,
+            "at": mark.position,
             "value": dict(zip(lines.channels, lines.at(mark).tolist(), strict=True)),
         }
         for mark in lines.marks
@@ -263,7 +263,7 @@ def spectrum(
             print_text(f"{name}: envelope of {low:.0f} to {high:.0f} Hz")
         axis = f"{lines.axis}{f' [{lines.axis_unit}]' if lines.axis_unit else ''}"
         header = ("line", axis, *(f"{name} [{lines.unit or '1'}]" for name in lines.channels))
-        rows = [(mark.name, mark.at, *lines.at(mark).tolist()) for mark in lines.marks]
+        rows = [(mark.name, mark.position, *lines.at(mark).tolist()) for mark in lines.marks]
         if rows:
             print_table(f"{drawing.title}, at the expected lines", header, rows)
         else:
@@ -396,8 +396,8 @@ def _indicators_of(
         Band,
         IndicatorTable,
         indicators_of,
-        long_indicators,
-        stacked,
+        stack_tables,
+        summarize_long_recording,
     )
 
     edges = tuple(Band.parse(text) for text in bands or ()) or BANDS
@@ -414,7 +414,7 @@ def _indicators_of(
         return indicators_of(vibration, angle=angle, pistons=pistons, bands=edges, families=names)
 
     def result_of(recording: "Recording") -> tuple[Any, dict[str, str]]:
-        found = to_table(long_indicators(recording.unloaded(), describe))
+        found = to_table(summarize_long_recording(recording.unloaded(), describe))
         return found, {
             name: reason for name, reason in refusals.items() if name == recording.recording_id
         }
@@ -429,7 +429,7 @@ def _indicators_of(
         raise DataError(next(iter(refusals.values())))
     for reason in refusals.values():
         print_note(f"no orders: {reason}")
-    return stacked(tables)
+    return stack_tables(tables)
 
 
 def _kept(

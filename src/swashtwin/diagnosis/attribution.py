@@ -15,13 +15,12 @@ from jaxtyping import Float, Float32, Float64
 
 from swashtwin.foundation import DataError
 from swashtwin.learning import (
-    BandPower,
     BandPowerNetwork,
     FittedClassifier,
     SolvedNetwork,
     WindowSet,
 )
-from swashtwin.signals import line_frequencies, transform
+from swashtwin.signals import BandPower, line_frequencies, transform
 
 if TYPE_CHECKING:
     from torch import nn

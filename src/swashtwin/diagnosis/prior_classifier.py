@@ -54,7 +54,7 @@ from swashtwin.recordings import (
     specified_pressure,
     summarize_recordings,
 )
-from swashtwin.signals import OrderBands, shaft_frequency
+from swashtwin.signals import OrderBands, require_shaft_frequency
 
 VERSION = 2
 _MAY_BE_NAN = ("levels", "speed", "pressure")
@@ -279,7 +279,9 @@ class PriorClassifier:
         return {
             "band_powers": band_powers.reshape(-1, len(self.channels), len(self.bands.names)),
             "specimen": tuple(item.specimen or "" for item in healthy),
-            "point_speed": 2 * math.pi * np.array([shaft_frequency(item) for item in healthy]),
+            "point_speed": 2
+            * math.pi
+            * np.array([require_shaft_frequency(item) for item in healthy]),
             "point_pressure": np.array([specified_pressure(item) for item in healthy]),
         }
 
@@ -398,7 +400,7 @@ class PriorClassifier:
         for what, value, (low, high), scale, word in (
             (
                 "speed",
-                2 * math.pi * shaft_frequency(recording),
+                2 * math.pi * require_shaft_frequency(recording),
                 self.speed,
                 30 / math.pi,
                 "rev/min",
@@ -458,7 +460,7 @@ class PriorClassifier:
                 f"no healthy recording is of the machine {recording.specimen or 'without a name'} (there are those of "
                 f"{listed}), so nothing can be said about this one; name its machine in an index."
             )
-        speed = 2 * math.pi * shaft_frequency(recording)
+        speed = 2 * math.pi * require_shaft_frequency(recording)
         at_pressure, at_speed = self._comparable(
             specimen, speed, pressure, np.ones(len(self.specimen), dtype=bool)
         )

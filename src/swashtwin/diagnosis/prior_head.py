@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Float64, Int, Int64
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.recordings import Recording
-from swashtwin.signals import TURNS, OrderBands, recording_density, shaft_frequency
+from swashtwin.signals import TURNS, OrderBands, recording_density, require_shaft_frequency
 
 _SPEED_REACH = 0.012
 """How far the speed may be from what a recording states, relative."""
@@ -40,7 +40,7 @@ def order_band_powers(
         The recording is unfit, shorter than eight turns, states no speed, or its rate is too low
         for the first bands.
     """
-    shaft, rate = shaft_frequency(recording), float(recording.sample_rate)
+    shaft, rate = require_shaft_frequency(recording), float(recording.sample_rate)
     lowest = _LEAST_PASSES * bands.piston_count * shaft
     if lowest > rate / 2:
         raise DataError(

@@ -14,9 +14,10 @@ from typing import Any
 from swashtwin.diagnosis.changed_bands import BandPowerChange
 from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum
 from swashtwin.foundation import plural, to_table
-from swashtwin.learning import BandPower, Choice, Deviation
+from swashtwin.learning import Choice, Deviation
 from swashtwin.pump import is_healthy, propose_class
 from swashtwin.recordings import RecordingSummary
+from swashtwin.signals import BandPower
 
 _FOR_PAGES = ("facts", "fault_of", "choice", "deviation", "band_powers", "spectrum")
 """Fields that pages draw, and that `Diagnosis.to_dict` leaves out."""

@@ -19,9 +19,9 @@ from swashtwin.signals import (
     LineSpectrum,
     LineSpectrumKind,
     defect_orders,
-    resampled_by_angle,
+    resample_by_angle,
+    specified_angle,
     spectrum_of,
-    stated_angle,
     tapered_transform,
 )
 
@@ -114,7 +114,9 @@ class RecordingViews:
         spectrum, step, amplitude = self._spectrum(self.key(name, kind, band))
         recording = self._workspace.recording(name)
         shaft = specified_shaft_frequency(recording)
-        marks = [(mark.at, mark.name.replace("x", "×"), mark.of_pistons) for mark in spectrum.marks]
+        marks = [
+            (mark.position, mark.name.replace("x", "×"), mark.of_pistons) for mark in spectrum.marks
+        ]
         unit = 1.0 if kind == "order" else shaft
         if unit and pistons:
             marks += [(unit * pistons * k, f"{pistons * k}×", True) for k in range(1, 6)]
@@ -181,8 +183,8 @@ class RecordingViews:
         recording = recording.select_channels(recording.channels[channel : channel + 1])
         rate = recording.sample_rate
         if orders:
-            angle = stated_angle(recording)
-            recording = resampled_by_angle(
+            angle = specified_angle(recording)
+            recording = resample_by_angle(
                 recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max()))
             )
             rate = float(recording.attributes["samples_per_turn"])

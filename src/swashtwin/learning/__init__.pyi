@@ -29,7 +29,6 @@ from .features import feature_values as feature_values
 from .features import reference_features as reference_features
 from .features import reference_spectrum as reference_spectrum
 from .features import window_powers as window_powers
-from .healthy.band_power_layout import BandPower as BandPower
 from .healthy.band_power_layout import BandPowerLayout as BandPowerLayout
 from .healthy.band_power_layout import Deviation as Deviation
 from .healthy.band_power_layout import band_power_layout as band_power_layout

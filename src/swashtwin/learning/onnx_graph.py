@@ -1,5 +1,7 @@
-"""The graph of a network that numpy computes, in operations of ONNX; no torch is needed to build
-it.
+"""A classifier as an ONNX graph, from scaled or raw windows to probabilities.
+
+The graph computes the features as `networks.window_features` and `features` do, by the same tables
+of bands. ONNX is needed to build it.
 """
 
 import math
@@ -8,18 +10,28 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import InputError
-from swashtwin.learning import features as features_of
-from swashtwin.learning.networks import window_features
+from swashtwin.learning.features import ENVELOPE_STATISTICS, N_BANDS
 from swashtwin.learning.networks.band_power_network import BandPowerNetwork
 from swashtwin.learning.networks.tree_network import ExtraTrees
+from swashtwin.learning.networks.window_features import (
+    ENVELOPE_BANDS,
+    ENVELOPES_ABOVE,
+    FLOOR,
+    MIN_DEVIATION,
+    MIN_ORDER_WIDTH,
+    SIGNAL_BANDS,
+    SpectrumBands,
+    first_envelope_line,
+)
 from swashtwin.learning.training.classifier import FittedClassifier
-from swashtwin.signals import TIME_STATISTICS, band_shares, hann_taper
+from swashtwin.signals import MIN_POWER, TIME_STATISTICS, band_shares, equal_bands, hann_taper
 
 OPSET = 18
+"""Version of the operations; 17 is the first with a Fourier transform."""
 
 
 class Graph:
-    """Operations one after another; each is named by its number."""
+    """A list of operations; the result of each is named by its number."""
 
     def __init__(self, dtype: Any = np.float32) -> None:
         self.nodes: list[Any] = []
@@ -27,319 +39,351 @@ class Graph:
         self.dtype = dtype
 
     def constant(self, value: Any, dtype: Any = None) -> str:
-        """Name of an array that the file holds."""
+        """Add an array to the file and return its name."""
         from onnx import numpy_helper
 
         name = f"constant_{len(self.constants)}"
-        self.constants.append(
-            numpy_helper.from_array(np.asarray(value, dtype=dtype or self.dtype), name)
-        )
+        array = np.asarray(value, dtype=dtype or self.dtype)
+        self.constants.append(numpy_helper.from_array(array, name))
         return name
 
-    def __call__(self, kind: str, *inputs: Any, **attributes: Any) -> str:
-        """Name of the result of an operation; numbers and arrays among its inputs become
-        constants.
+    def __call__(self, operation: str, *inputs: Any, **attributes: Any) -> str:
+        """Add an operation and return the name of its result.
+
+        Numbers and arrays among its inputs become constants.
         """
         from onnx import helper
 
-        names = [item if isinstance(item, str) else self.constant(item) for item in inputs]
-        name = f"{kind.lower()}_{len(self.nodes)}"
-        self.nodes.append(helper.make_node(kind, names, [name], **attributes))
-        return name
+        names = [value if isinstance(value, str) else self.constant(value) for value in inputs]
+        result = f"{operation.lower()}_{len(self.nodes)}"
+        self.nodes.append(helper.make_node(operation, names, [result], **attributes))
+        return result
+
+    def reduce(self, operation: str, x: str, keep: int = 1) -> str:
+        """Return the mean, sum or maximum over the last axis, which may be kept as one entry."""
+        return self(f"Reduce{operation}", x, self.constant([-1], np.int64), keepdims=keep)
 
     def mean(self, x: str) -> str:
-        """Mean over the last axis, which stays as one entry."""
-        return self.reduced("Mean", x)
+        """Return the mean over the last axis, which is kept as one entry."""
+        return self.reduce("Mean", x)
 
-    def reduced(self, kind: str, x: str, keep: int = 1) -> str:
-        """Mean, sum or greatest entry over the last axis, which stays as one entry where it is to
-        be kept.
-        """
-        return self(f"Reduce{kind}", x, self.constant([-1], np.int64), keepdims=keep)
+    def rms(self, x: str) -> str:
+        """Return the root mean square over the last axis, which is kept as one entry."""
+        return self("Sqrt", self.mean(self("Mul", x, x)))
 
-    def part(self, x: str, first: int, last: int | None = None, axis: int = -1) -> str:
-        """Entries `first` to `last` of an axis."""
-        end = np.iinfo(np.int64).max if last is None else last
-        return self("Slice", x, *(self.constant([value], np.int64) for value in (first, end, axis)))
+    def center(self, x: str) -> str:
+        """Return `x` less its mean over the last axis."""
+        return self("Sub", x, self.mean(x))
+
+    def slice(self, x: str, start: int, end: int | None = None, axis: int = -1) -> str:
+        """Return the entries `start` to `end` (exclusive) of an axis."""
+        if end is None:
+            end = np.iinfo(np.int64).max
+        bounds = [self.constant([value], np.int64) for value in (start, end, axis)]
+        return self("Slice", x, *bounds)
 
     def log10(self, x: str) -> str:
-        """Decadic logarithm."""
+        """Return the decadic logarithm."""
         return self("Mul", self("Log", x), 1 / math.log(10))
 
-    def analytic(self, spectrum: str, length: int, first: int, last: int) -> str:
-        """Analytic signal of the lines `first` to `last` of a transform; its two parts are a
-        further axis.
+    def transform(self, x: str) -> str:
+        """Return the one-sided transform over the last axis; a new axis has its two parts."""
+        pairs = self("Unsqueeze", x, self.constant([-1], np.int64))
+        return self("DFT", pairs, axis=2, onesided=1)
+
+    def power(self, lines: str) -> str:
+        """Return the squared magnitude of complex numbers, whose two parts are the last axis."""
+        return self.reduce("Sum", self("Mul", lines, lines), keep=0)
+
+    def analytic_signal(self, spectrum: str, length: int, first: int, last: int) -> str:
+        """Return the analytic signal of the lines `first` to `last` of a transform.
+
+        Its two parts are the last axis.
         """
         n_lines = length // 2 + 1
         line = np.arange(n_lines)
         weight = np.where((line >= first) & (line <= last), 2.0, 0.0)
         if length % 2 == 0:
-            weight[-1] /= 2  # the line at half the rate stands for itself alone
-        gap = self.constant([0, 0, 0, 0, 0, 0, length - n_lines, 0], np.int64)
-        return self(
-            "DFT", self("Pad", self("Mul", spectrum, weight[:, None]), gap), axis=2, inverse=1
-        )
+            weight[-1] /= 2  # the line at half the rate has no counterpart at negative frequency
 
-    def transform(self, x: str) -> str:
-        """One-sided transform over the last axis; the real and imaginary parts are a further
-        axis.
-        """
-        return self("DFT", self("Unsqueeze", x, self.constant([-1], np.int64)), axis=2, onesided=1)
+        padding = self.constant([0, 0, 0, 0, 0, 0, length - n_lines, 0], np.int64)
+        lines = self("Pad", self("Mul", spectrum, weight[:, None]), padding)
+        return self("DFT", lines, axis=2, inverse=1)
 
 
 def onnx_model(classifier: FittedClassifier) -> Any:
-    """The ONNX model of a classifier on levels or of trees (see `export_onnx`); an `InputError` for
-    others.
+    """Return the ONNX model of a classifier on band powers or of trees (see `export_onnx`).
+
+    Raises
+    ------
+    InputError
+        The classifier has another network.
     """
     from onnx import TensorProto, helper
 
-    layout, network = classifier.layout, classifier.network
-    shape: list[str | int] = ["window", len(layout.channels), layout.length]
-    inputs = [helper.make_tensor_value_info("windows", TensorProto.FLOAT, shape)]
+    layout = classifier.layout
+    network = classifier.network
+    window_shape: list[str | int] = ["window", len(layout.channels), layout.length]
+    inputs = [helper.make_tensor_value_info("windows", TensorProto.FLOAT, window_shape)]
     domains = [helper.make_opsetid("", OPSET)]
     if isinstance(network, BandPowerNetwork):
         graph = Graph()
         if network.uses_speed:
             inputs.append(helper.make_tensor_value_info("speed", TensorProto.FLOAT, ["window"]))
-        _answer_of_levels(graph, classifier, network)
+        _add_band_power_network(graph, classifier, network)
     elif isinstance(network, ExtraTrees):
+        # Trees compare features of double precision, so that the same window takes the same path.
         graph = Graph(np.float64)
         domains.append(helper.make_opsetid("ai.onnx.ml", 3))
-        _answer_of_trees(graph, classifier, network)
+        _add_trees(graph, classifier, network)
     else:
         raise InputError(f"the network {network.name!r} cannot be written as ONNX.")
-    output = helper.make_tensor_value_info(
-        "probability", TensorProto.FLOAT, ["window", len(classifier.classes)]
-    )
-    whole = helper.make_graph(graph.nodes, "classifier", inputs, [output], graph.constants)
-    return helper.make_model(whole, opset_imports=domains, ir_version=9)
+
+    output_shape: list[str | int] = ["window", len(classifier.classes)]
+    output = helper.make_tensor_value_info("probability", TensorProto.FLOAT, output_shape)
+    onnx_graph = helper.make_graph(graph.nodes, "classifier", inputs, [output], graph.constants)
+    return helper.make_model(onnx_graph, opset_imports=domains, ir_version=9)
 
 
-def _answer_of_levels(
-    graph: Graph, classifier: FittedClassifier, network: BandPowerNetwork
-) -> None:
-    """`BandPowerNetwork.probabilities`."""
-    from onnx import helper
-
-    layout, turns = classifier.layout, None
-    if network.uses_speed:
-        stated = graph("Mul", "speed", 1 / (2 * math.pi * layout.sample_rate))
-        turns = graph(
-            "Where", graph("IsNaN", stated), network.settings["turns"] or math.nan, stated
-        )
-    features = _band_features(graph, network, _scaled(graph, classifier), layout.length, turns)
-    weights = network.weights
-    encoded = graph("Div", graph("Sub", features, weights["mean"]), weights["deviation"])
-    answers = []
-    for head in network.settings["heads"]:
-        inner = graph("Gemm", encoded, weights[head], weights[f"{head}.bias"], transB=1)
-        if head == "hidden":
-            inner = graph(
-                "Gemm", graph("Relu", inner), weights["output"], weights["output.bias"], transB=1
-            )
-        answers.append(graph("Softmax", inner, axis=-1))
-    graph.nodes.append(helper.make_node("Mean", answers, ["probability"]))
-
-
-def _answer_of_trees(graph: Graph, classifier: FittedClassifier, network: ExtraTrees) -> None:
-    """`ExtraTrees.probabilities`: features of double precision, rounded as the trees compare
-    them.
-    """
-    from onnx import TensorProto, helper
-
-    x = graph("Cast", _scaled(graph, classifier), to=TensorProto.DOUBLE)
-    values = graph("Cast", _features(graph, x, classifier.length), to=TensorProto.FLOAT)
-    forest = network.forest
-    assert forest is not None
-    tree = np.searchsorted(forest.root, np.arange(forest.column.size), side="right") - 1
-    first, leaf = forest.root[tree], forest.column < 0
-    n_classes = network.n_classes
-    leaves = np.flatnonzero(leaf).repeat(n_classes)
-    attributes = {
-        "nodes_treeids": tree, "nodes_nodeids": np.arange(forest.column.size) - first,
-        "nodes_featureids": np.maximum(forest.column, 0), "nodes_truenodeids": np.where(leaf, 0, forest.left - first),
-        "nodes_falsenodeids": np.where(leaf, 0, forest.left + 1 - first),
-        "class_treeids": tree[leaves], "class_nodeids": leaves - first[leaves],
-        "class_ids": np.tile(np.arange(n_classes), int(leaf.sum())),
-    }  # fmt: skip
-    shares = (forest.probability[leaf] / len(forest.root)).ravel()
-    node = helper.make_node(
-        "TreeEnsembleClassifier", [values], ["likeliest", "probability"], domain="ai.onnx.ml",
-        nodes_modes=np.where(leaf, "LEAF", "BRANCH_LEQ").tolist(), nodes_values=forest.threshold.tolist(),
-        class_weights=shares.tolist(), classlabels_int64s=list(range(n_classes)), post_transform="NONE",
-        **{name: value.tolist() for name, value in attributes.items()},
-    )  # fmt: skip
-    graph.nodes.append(node)
-
-
-def _scaled(graph: Graph, classifier: FittedClassifier) -> str:
-    """Samples as the classifier's normalization scales them."""
+def _add_scaling(graph: Graph, classifier: FittedClassifier) -> str:
+    """Add the classifier's normalization and return the scaled samples."""
     from onnx import TensorProto
 
     normalization = classifier.normalization
     if normalization.kind not in ("window", "set"):
         return "windows"
+
     samples = graph("Cast", "windows", to=TensorProto.DOUBLE)
     if normalization.kind == "set":
         mean = graph.constant(normalization.mean[:, None], np.float64)
         deviation = graph.constant(normalization.deviation[:, None], np.float64)
     else:
         mean = graph.mean(samples)
-        moving = graph("Sub", samples, mean)
-        deviation = graph("Sqrt", graph.mean(graph("Mul", moving, moving)))
-        is_still = graph("Equal", deviation, graph.constant(0.0, np.float64))
-        deviation = graph("Where", is_still, graph.constant(1.0, np.float64), deviation)
-    return graph("Cast", graph("Div", graph("Sub", samples, mean), deviation), to=TensorProto.FLOAT)
+        deviation = graph.rms(graph("Sub", samples, mean))
+        is_constant = graph("Equal", deviation, graph.constant(0.0, np.float64))
+        deviation = graph("Where", is_constant, graph.constant(1.0, np.float64), deviation)
+    scaled = graph("Div", graph("Sub", samples, mean), deviation)
+    return graph("Cast", scaled, to=TensorProto.FLOAT)
 
 
-def _band_features(
+def _add_band_power_network(
+    graph: Graph, classifier: FittedClassifier, network: BandPowerNetwork
+) -> None:
+    """Add `BandPowerNetwork.probabilities`."""
+    from onnx import helper
+
+    layout = classifier.layout
+    turns = None
+    if network.uses_speed:
+        specified = graph("Mul", "speed", 1 / (2 * math.pi * layout.sample_rate))
+        default = network.settings["turns"] or math.nan
+        turns = graph("Where", graph("IsNaN", specified), default, specified)
+    samples = _add_scaling(graph, classifier)
+    features = _add_window_features(graph, network, samples, layout.length, turns)
+
+    weights = network.weights
+    encoded = graph("Div", graph("Sub", features, weights["mean"]), weights["deviation"])
+    probabilities = []
+    for head in network.settings["heads"]:
+        scores = graph("Gemm", encoded, weights[head], weights[f"{head}.bias"], transB=1)
+        if head == "hidden":
+            active = graph("Relu", scores)
+            scores = graph("Gemm", active, weights["output"], weights["output.bias"], transB=1)
+        probabilities.append(graph("Softmax", scores, axis=-1))
+    graph.nodes.append(helper.make_node("Mean", probabilities, ["probability"]))
+
+
+def _add_window_features(
     graph: Graph, network: BandPowerNetwork, x: str, length: int, turns: str | None
 ) -> str:
-    """`BandPowerNetwork.represent_at`."""
-    x = graph("Sub", x, graph.mean(x))
-    deviation = graph(
-        "Max", graph("Sqrt", graph.mean(graph("Mul", x, x))), window_features.LEAST_DEVIATION
-    )
+    """Add `BandPowerNetwork.represent_at`."""
+    x = graph.center(x)
+    deviation = graph("Max", graph.rms(x), MIN_DEVIATION)
     x = graph("Div", x, deviation)
-    counts = window_features.line_counts(turns is not None)
-    parts = _spectrum_levels(
-        graph, x, length, turns, counts[0], window_features.LINE_SHARE, window_features.BANDS
-    )
+    parts = _add_spectrum(graph, x, length, turns, SIGNAL_BANDS)
+
     spectrum = graph.transform(x)
-    for above in window_features.ENVELOPE_FROM:
-        analytic = graph.analytic(
-            spectrum, length, math.floor(above * (length // 2)) + 1, length // 2
-        )
-        square = graph.reduced("Sum", graph("Mul", analytic, analytic), keep=0)
-        envelope = graph("Sqrt", graph("Add", square, 1e-12))
+    for share in ENVELOPES_ABOVE:
+        first = first_envelope_line(share, length)
+        analytic = graph.analytic_signal(spectrum, length, first, length // 2)
+        envelope = graph("Sqrt", graph("Add", graph.power(analytic), 1e-12))
         mean = graph.mean(envelope)
         moving = graph("Sub", envelope, mean)
-        parts += _spectrum_levels(
-            graph,
-            moving,
-            length,
-            turns,
-            counts[1],
-            window_features.ENVELOPE_SHARE,
-            window_features.ENVELOPE_BANDS,
-        )
-        parts.append(graph.log10(graph("Add", mean, window_features.FLOOR)))
+        parts += _add_spectrum(graph, moving, length, turns, ENVELOPE_BANDS)
+        parts.append(graph.log10(graph("Add", mean, FLOOR)))
+
     features = graph("Concat", *parts, axis=-1)
     features = graph("Add", features, graph("Mul", graph.log10(deviation), network.response))
     if network.settings["shape"]:
-        features = graph(
-            "Sub", features, graph("Mul", graph.part(features, 0, 1), network.response)
-        )
+        channel_gain = graph("Mul", graph.slice(features, 0, 1), network.response)
+        features = graph("Sub", features, channel_gain)
     return graph("Flatten", features, axis=1)
 
 
-def _spectrum_levels(
-    graph: Graph, x: str, length: int, turns: str | None, n_narrow: int, share: float, n_bands: int
+def _add_spectrum(
+    graph: Graph, x: str, length: int, turns: str | None, bands: SpectrumBands
 ) -> list[str]:
-    """Shape of the waveform, levels of narrow lines, levels of logarithmic bands."""
-    lines = graph.part(graph.transform(graph("Mul", x, hann_taper(length))), 1, axis=2)
-    power = graph("Div", graph.reduced("Sum", graph("Mul", lines, lines), keep=0), float(length))
+    """Add the shape of the waveform, and log10 powers of narrow and wide bands."""
+    lines = graph.slice(graph.transform(graph("Mul", x, hann_taper(length))), 1, axis=2)
+    power = graph("Div", graph.power(lines), float(length))
+
     n_lines = length // 2
     if turns is None:
-        first, last = window_features.narrow_edges(n_lines, n_narrow, share)
-        line = np.arange(last[-1])[:, None]
-        narrow = graph(
-            "MatMul",
-            graph.part(power, 0, int(last[-1])),
-            ((line >= first) & (line < last)) / (last - first),
-        )
+        first, end = equal_bands(n_lines, bands.n_narrow, bands.narrow_share)
+        line = np.arange(end[-1])[:, None]
+        weights = ((line >= first) & (line < end)) / (end - first)
+        narrow = graph("MatMul", graph.slice(power, 0, int(end[-1])), weights)
     else:
-        narrow = _order_powers(graph, power, graph("Mul", turns, float(length)), n_lines, n_narrow)
-    banded = graph("MatMul", power, band_shares(n_lines, n_bands))
-    features = [graph.log10(graph("Add", part, window_features.FLOOR)) for part in (narrow, banded)]
-    deviation = graph("Add", graph("Sqrt", graph.mean(graph("Mul", x, x))), 1e-6)
+        lines_per_order = graph("Mul", turns, float(length))
+        narrow = _add_order_powers(graph, power, lines_per_order, n_lines, bands.n_orders)
+    wide = graph("MatMul", power, band_shares(n_lines, bands.n_wide))
+    log_powers = [graph.log10(graph("Add", powers, FLOOR)) for powers in (narrow, wide)]
+    return [*_add_waveform_shape(graph, x), *log_powers]
+
+
+def _add_waveform_shape(graph: Graph, x: str) -> list[str]:
+    """Add the numbers of the waveform of `x`, whose mean is 0."""
+    deviation = graph("Add", graph.rms(x), 1e-6)
     z = graph("Div", x, deviation)
-    square, magnitude = graph("Mul", z, z), graph("Abs", z)
+    square = graph("Mul", z, z)
+    magnitude = graph("Abs", z)
+    fourth = graph.mean(graph("Mul", square, square))
     return [
         graph.log10(deviation),
         graph.mean(graph("Mul", square, z)),
-        graph("Log", graph("Add", graph.mean(graph("Mul", square, square)), 1e-3)),
-        graph("Log", graph("Add", graph.reduced("Max", magnitude), 1e-3)),
+        graph("Log", graph("Add", fourth, 1e-3)),
+        graph("Log", graph("Add", graph.reduce("Max", magnitude), 1e-3)),
         graph.mean(magnitude),
-        *features,
     ]
 
 
-def _order_powers(
+def _add_order_powers(
     graph: Graph, power: str, lines_per_order: str, n_lines: int, n_orders: int
 ) -> str:
-    """Mean power of the lines within half an order of each order; that of the last line beyond the
-    spectrum.
+    """Add the mean power of the lines within half an order of each order.
+
+    An order beyond the spectrum has that of the last line. The orders of each window lie at other
+    lines, so that the overlap of lines and orders is computed in the graph.
     """
     per_order = graph("Unsqueeze", lines_per_order, graph.constant([1, 2], np.int64))
+    order = np.arange(n_orders)[None, None]
     edges = []
     for offset in (0.5, 1.5):
-        edge = graph("Sub", graph("Mul", per_order, np.arange(n_orders)[None, None] + offset), 0.5)
+        edge = graph("Sub", graph("Mul", per_order, order + offset), 0.5)
         edges.append(graph("Clip", edge, 0.0, float(n_lines)))
     low, high = edges
+
     line = np.arange(n_lines)[None, :, None]
-    overlap = graph("Relu", graph("Sub", graph("Min", high, line + 1), graph("Max", low, line)))
+    overlap = graph("Sub", graph("Min", high, line + 1), graph("Max", low, line))
     width = graph("Sub", high, low)
-    mean = graph("Div", graph("MatMul", power, overlap), graph("Max", width, 1e-6))
-    return graph(
-        "Where",
-        graph("Less", width, window_features.NARROWEST),
-        graph.part(power, n_lines - 1),
-        mean,
-    )
+    sums = graph("MatMul", power, graph("Relu", overlap))
+    mean = graph("Div", sums, graph("Max", width, 1e-6))
+    is_beyond = graph("Less", width, MIN_ORDER_WIDTH)
+    return graph("Where", is_beyond, graph.slice(power, n_lines - 1), mean)
 
 
-def _features(graph: Graph, x: str, length: int) -> str:
-    """`feature_values`."""
-    moving = graph("Sub", x, graph.mean(x))
-    analytic = graph.analytic(graph.transform(moving), length, 1, (length - 1) // 2)
-    turned = graph("Squeeze", graph.part(analytic, 1), graph.constant([-1], np.int64))
-    envelope = graph(
-        "Sqrt", graph("Add", graph("Mul", moving, moving), graph("Mul", turned, turned))
+def _add_trees(graph: Graph, classifier: FittedClassifier, network: ExtraTrees) -> None:
+    """Add `ExtraTrees.probabilities`, with features rounded as the trees compare them."""
+    from onnx import TensorProto, helper
+
+    x = graph("Cast", _add_scaling(graph, classifier), to=TensorProto.DOUBLE)
+    features = _add_feature_values(graph, x, classifier.length)
+    features = graph("Cast", features, to=TensorProto.FLOAT)
+
+    forest = network.forest
+    assert forest is not None
+    n_nodes = forest.column.size
+    n_classes = network.n_classes
+    tree = np.searchsorted(forest.root, np.arange(n_nodes), side="right") - 1
+    root = forest.root[tree]
+    is_leaf = forest.column < 0
+    leaves = np.flatnonzero(is_leaf).repeat(n_classes)
+    leaf_shares = (forest.probability[is_leaf] / len(forest.root)).ravel()
+
+    node = helper.make_node(
+        "TreeEnsembleClassifier",
+        [features],
+        ["likeliest", "probability"],
+        domain="ai.onnx.ml",
+        nodes_treeids=tree.tolist(),
+        nodes_nodeids=(np.arange(n_nodes) - root).tolist(),
+        nodes_featureids=np.maximum(forest.column, 0).tolist(),
+        nodes_modes=np.where(is_leaf, "LEAF", "BRANCH_LEQ").tolist(),
+        nodes_values=forest.threshold.tolist(),
+        nodes_truenodeids=np.where(is_leaf, 0, forest.left - root).tolist(),
+        nodes_falsenodeids=np.where(is_leaf, 0, forest.left + 1 - root).tolist(),
+        class_treeids=tree[leaves].tolist(),
+        class_nodeids=(leaves - root[leaves]).tolist(),
+        class_ids=np.tile(np.arange(n_classes), int(is_leaf.sum())).tolist(),
+        class_weights=leaf_shares.tolist(),
+        classlabels_int64s=list(range(n_classes)),
+        post_transform="NONE",
     )
-    statistics = [_time_statistics(graph, x), _time_statistics(graph, envelope)]
+    graph.nodes.append(node)
+
+
+def _add_feature_values(graph: Graph, x: str, length: int) -> str:
+    """Add `feature_values`."""
+    moving = graph.center(x)
+    analytic = graph.analytic_signal(graph.transform(moving), length, 1, (length - 1) // 2)
+    quadrature = graph("Squeeze", graph.slice(analytic, 1), graph.constant([-1], np.int64))
+    square = graph("Add", graph("Mul", moving, moving), graph("Mul", quadrature, quadrature))
+    envelope = graph("Sqrt", square)
+
+    envelope_statistics = _add_time_statistics(graph, envelope)
     parts = [
-        *statistics[0].values(), _band_levels(graph, x, length),
-        *(statistics[1][name] for name in features_of.ENVELOPE_STATISTICS), _band_levels(graph, envelope, length),
-    ]  # fmt: skip
+        *_add_time_statistics(graph, x).values(),
+        _add_band_energies(graph, x, length),
+        *(envelope_statistics[name] for name in ENVELOPE_STATISTICS),
+        _add_band_energies(graph, envelope, length),
+    ]
     return graph("Flatten", graph("Concat", *parts, axis=-1), axis=1)
 
 
-def _time_statistics(graph: Graph, x: str) -> dict[str, str]:
-    """`signals.time_statistics` by name."""
-    mean, magnitude = graph.mean(x), graph("Abs", x)
+def _add_time_statistics(graph: Graph, x: str) -> dict[str, str]:
+    """Add `signals.time_statistics`, by name."""
+    mean = graph.mean(x)
+    magnitude = graph("Abs", x)
     moving = graph("Sub", x, mean)
-    deviation = graph("Sqrt", graph.mean(graph("Mul", moving, moving)))
-    rms, peak = graph("Sqrt", graph.mean(graph("Mul", x, x))), graph.reduced("Max", magnitude)
-    absolute = graph.mean(magnitude)
-    standard = graph("Div", moving, graph("Where", graph("Equal", deviation, 0.0), 1.0, deviation))
-    square = graph("Mul", standard, standard)
-    root = graph.mean(graph("Sqrt", magnitude))
+    deviation = graph.rms(moving)
+    rms = graph.rms(x)
+    peak = graph.reduce("Max", magnitude)
+    negative_peak = graph.reduce("Max", graph("Neg", x))
+    mean_absolute = graph.mean(magnitude)
 
-    def ratio(above: str, below: str) -> str:
-        is_zero = graph("Equal", below, 0.0)
-        return graph(
-            "Where", is_zero, 0.0, graph("Div", above, graph("Where", is_zero, 1.0, below))
-        )
+    divisor = graph("Where", graph("Equal", deviation, 0.0), 1.0, deviation)
+    standardized = graph("Div", moving, divisor)
+    square = graph("Mul", standardized, standardized)
+    mean_root = graph.mean(graph("Sqrt", magnitude))
 
     columns = (
-        mean, deviation, rms, peak, graph("Add", graph.reduced("Max", x), graph.reduced("Max", graph("Neg", x))),
-        absolute,
-        graph.mean(graph("Mul", square, standard)), graph.mean(graph("Mul", square, square)), ratio(peak, rms),
-        ratio(rms, absolute), ratio(peak, absolute), ratio(peak, graph("Mul", root, root)),
-    )  # fmt: skip
+        mean,
+        deviation,
+        rms,
+        peak,
+        graph("Add", graph.reduce("Max", x), negative_peak),
+        mean_absolute,
+        graph.mean(graph("Mul", square, standardized)),
+        graph.mean(graph("Mul", square, square)),
+        _add_ratio(graph, peak, rms),
+        _add_ratio(graph, rms, mean_absolute),
+        _add_ratio(graph, peak, mean_absolute),
+        _add_ratio(graph, peak, graph("Mul", mean_root, mean_root)),
+    )
     return dict(zip(TIME_STATISTICS, columns, strict=True))
 
 
-def _band_levels(graph: Graph, x: str, length: int) -> str:
-    """`features.band_energies`."""
+def _add_ratio(graph: Graph, numerator: str, denominator: str) -> str:
+    """Add a ratio that is 0 if its denominator is 0."""
+    is_zero = graph("Equal", denominator, 0.0)
+    ratio = graph("Div", numerator, graph("Where", is_zero, 1.0, denominator))
+    return graph("Where", is_zero, 0.0, ratio)
+
+
+def _add_band_energies(graph: Graph, x: str, length: int) -> str:
+    """Add `features.band_energies`."""
     taper = hann_taper(length)
-    moving = graph("Mul", graph("Sub", x, graph.mean(x)), taper)
-    lines = graph.part(graph.transform(moving), 1, axis=2)
-    power = graph(
-        "Mul",
-        graph.reduced("Sum", graph("Mul", lines, lines), keep=0),
-        2 / (length * np.sum(taper**2)),
-    )
-    banded = graph("MatMul", power, band_shares(length // 2, features_of.N_BANDS))
-    return graph.log10(graph("Max", banded, 1e-30))
+    lines = graph.slice(graph.transform(graph("Mul", graph.center(x), taper)), 1, axis=2)
+    power = graph("Mul", graph.power(lines), 2 / (length * np.sum(taper**2)))
+    powers = graph("MatMul", power, band_shares(length // 2, N_BANDS))
+    return graph.log10(graph("Max", powers, MIN_POWER))

@@ -151,12 +151,12 @@ def spectrum(
     )
     start, last = spectrum.position[1], float(spectrum.position[-1])
     end = min(
-        1.1 * max((mark.at for mark in spectrum.marks if mark.of_pistons), default=last), last
+        1.1 * max((mark.position for mark in spectrum.marks if mark.of_pistons), default=last), last
     )
     is_shown = (spectrum.position >= start) & (spectrum.position <= end)
     count = len(spectrum.channels)
     figure, axes = create_panels(count, 1, 1.0 + 1.9 * count, sharex=True)
-    marks = [mark for mark in spectrum.marks if start <= mark.at <= end]
+    marks = [mark for mark in spectrum.marks if start <= mark.position <= end]
     for panel, name, row, number in zip(
         axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True
     ):
@@ -170,9 +170,11 @@ def spectrum(
         panel.set_title(title, loc="left")
         for mark in marks:
             color, _ = _MARK_KINDS[mark.of_pistons]
-            panel.axvline(mark.at, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0)
+            panel.axvline(
+                mark.position, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0
+            )
     axes[0, 0].set_xlim(0, end)
-    spots = spread_labels([mark.at for mark in marks], gap=0.035 * end)
+    spots = spread_labels([mark.position for mark in marks], gap=0.035 * end)
     for mark, spot in zip(marks, spots, strict=True):
         axes[0, 0].annotate(
             mark.name, (spot, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",

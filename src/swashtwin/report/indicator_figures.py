@@ -26,7 +26,7 @@ def draw_spectrum(spectrum: LineSpectrum) -> Drawing:
     caption = "One-sided peak amplitudes, Hann taper corrected."
     if spectrum.angle_from:
         caption += f" Along the shaft's angle, from {spectrum.angle_from}."
-    if any(mark.at <= spectrum.position[-1] for mark in spectrum.marks):
+    if any(mark.position <= spectrum.position[-1] for mark in spectrum.marks):
         caption += " Dashed: where lines of the shaft and of the pistons are expected."
     caption += " The CSV file holds every line."
     title = f"{spectrum.kind.capitalize()} spectrum of {spectrum.recording_id}"

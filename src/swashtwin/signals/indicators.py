@@ -1,4 +1,4 @@
-"""Every indicator by name: what it is, in which unit, and which family computes it."""
+"""Indicators by family: name, unit and meaning of each, and its value for every channel."""
 
 import math
 import re
@@ -12,15 +12,17 @@ from jaxtyping import Float
 
 from swashtwin.foundation import InputError
 from swashtwin.recordings import Recording
-from swashtwin.signals.envelope import envelopes, kurtograms
-from swashtwin.signals.levels import Spectrum, band_rms, segment_length, shape_statistics
-from swashtwin.signals.shaft_angle import ShaftAngle, resampled_by_angle
+from swashtwin.signals.band_powers import Spectrum, band_rms, segment_length
+from swashtwin.signals.envelope import envelopes
+from swashtwin.signals.kurtogram import kurtograms
+from swashtwin.signals.shaft_angle import ShaftAngle, resample_by_angle
 from swashtwin.signals.spectra import order_spectrum, power_density, segment_densities
+from swashtwin.signals.waveform_statistics import recording_statistics
 
 _BAND = re.compile(r"([0-9]+\.?[0-9]*)\s*-\s*([0-9]+\.?[0-9]*)\s*(Hz|kHz|x)")
 
 _SHOWN = {"m/s": (1000.0, "mm/s")}
-"""Factor and unit of the trade for what is shown to people; files and JSON are in SI units."""
+"""Factor and unit in which people read a quantity; files and JSON are in SI units."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +38,12 @@ class Band:
 
     @classmethod
     def parse(cls, text: str) -> "Band":
-        """Band of a text such as ``10-1000 Hz``, ``1-5 kHz`` or ``0.5-6.5x``.
+        """Return the band of a text such as ``10-1000 Hz``, ``1-5 kHz`` or ``0.5-6.5x``.
 
         Raises
         ------
         InputError
-            The text is no band.
+            The text is not a band.
 
         Examples
         --------
@@ -51,19 +53,22 @@ class Band:
         match = _BAND.fullmatch(text.strip())
         if match is None or not float(match[1]) < float(match[2]):
             raise InputError(
-                f'band {text!r} must be two rising numbers and a unit: "10-1000 Hz" or "0.5-6.5x".'
+                f"Invalid band {text!r}: use two rising numbers and a unit, as in "
+                '"10-1000 Hz" or "0.5-6.5x".'
             )
+
         factor = 1000.0 if match[3] == "kHz" else 1.0
         return cls(float(match[1]) * factor, float(match[2]) * factor, in_orders=match[3] == "x")
 
     @property
     def name(self) -> str:
         """Edges and unit, such as ``10-1000 Hz`` or ``0.5-6.5x``."""
-        return f"{self.low:g}-{self.high:g}{'x' if self.in_orders else ' Hz'}"
+        unit = "x" if self.in_orders else " Hz"
+        return f"{self.low:g}-{self.high:g}{unit}"
 
 
 BANDS = (Band(10, 1000), Band(1000, 2000), Band(2000, 5000), Band(5000, 10000))
-"""Bands of `indicators_of` where none are named."""
+"""Default bands of `indicators_of`."""
 
 
 @dataclass(frozen=True)
@@ -73,40 +78,37 @@ class Indicator:
     name: str
     """Name, such as ``rms`` or ``order_amplitude 7x``."""
     unit: str
-    """Unit, empty where it has none."""
+    """Unit; empty for a pure number."""
     meaning: str
     """What it is, with its convention."""
 
     @property
     def shown(self) -> tuple[float, str]:
-        """Factor to the unit in which people read it, and that unit, such as millimeters per
-        second.
-        """
+        """Factor to the unit in which people read it, and that unit, such as mm/s."""
         return _SHOWN.get(self.unit, (1.0, self.unit))
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A recording and all that indicators are computed from."""
+    """A recording and all that its indicators are computed from."""
 
     recording: Recording
-    """The channels to describe."""
+    """The recording."""
     shaft: float | None
-    """Shaft frequency [Hz], or None where nobody knows it."""
+    """Shaft frequency [Hz]; None if it is not known."""
     angle: ShaftAngle | None
-    """Angle of the shaft where it was measured or followed."""
+    """Angle of the shaft, if it was measured or followed."""
     orders: tuple[int, ...]
-    """Multiples of the shaft whose lines are wanted."""
+    """Multiples of the shaft whose lines are described."""
     bands: tuple[Band, ...]
-    """Bands whose levels are wanted."""
+    """Bands whose root mean squares are computed."""
 
     @cached_property
     def band_spectrum(self) -> Spectrum:
-        """Power density that velocity and band levels are read from."""
+        """Power density from which the root mean squares of bands are read."""
         rate = self.recording.sample_rate
-        return power_density(
-            self.recording.signal, rate, segment_length(self.recording.n_samples, rate)
-        )
+        length = segment_length(self.recording.n_samples, rate)
+        return power_density(self.recording.signal, rate, length)
 
 
 Values = Iterator[tuple[Indicator, Float[np.ndarray, " channel"]]]
@@ -118,102 +120,112 @@ _STATISTICS = {
     "kurtosis": "fourth standardized moment; 3 for Gaussian noise",
     "skewness": "third standardized moment; 0 for a symmetric signal",
 }
+_HAS_UNIT = ("rms", "peak")
 
 
 def _statistics(measured: Measured) -> Values:
-    values = shape_statistics(measured.recording)
+    values = recording_statistics(measured.recording)
     for name, meaning in _STATISTICS.items():
-        unit = measured.recording.unit if name in ("rms", "peak") else ""
+        unit = measured.recording.unit if name in _HAS_UNIT else ""
         yield Indicator(name, unit, meaning), values[name]
 
 
-def _level(
+def _rms_or_nan(
     measured: Measured, low: float, high: float, *, of_velocity: bool = False
 ) -> Float[np.ndarray, " channel"]:
-    """Level in a band, or NaN where the recording is too short or too slow for it."""
-    signal, rate = measured.recording.signal, measured.recording.sample_rate
+    """Return the root mean square of a band; NaN if the recording is too short or too slow."""
     try:
         return band_rms(
-            signal, rate, low, high, of_velocity=of_velocity, spectrum=measured.band_spectrum
+            measured.recording.signal,
+            measured.recording.sample_rate,
+            low,
+            high,
+            of_velocity=of_velocity,
+            spectrum=measured.band_spectrum,
         )
     except InputError:
-        return np.full(len(signal), math.nan)
+        return np.full(measured.recording.n_channels, math.nan)
 
 
 def _order_amplitudes(
     orders: tuple[int, ...], signal: np.ndarray, rate: float, shaft: float
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Each order with its amplitude, from one power density of the signal; NaN where it has
-    none.
-    """
+    """Yield each order with its amplitude, which is NaN beyond what the recording resolves."""
     densities = segment_densities(signal, rate)
     for order in orders:
         try:
-            yield (
-                order,
-                order_spectrum(
-                    signal, rate, shaft, np.array([order]), densities=densities
-                ).amplitude[:, 0],
-            )
+            lines = order_spectrum(signal, rate, shaft, np.array([order]), densities=densities)
+            yield order, lines.amplitude[:, 0]
         except InputError:
             yield order, np.full(len(signal), math.nan)
 
 
 def _velocity(measured: Measured) -> Values:
-    if measured.recording.unit == "m/s^2":
-        indicator = Indicator(
-            "velocity_rms", "m/s", "rms velocity, 10 to 1000 Hz, integrated from acceleration"
-        )
-        yield indicator, _level(measured, 10.0, 1000.0, of_velocity=True)
+    if measured.recording.unit != "m/s^2":
+        return
+    meaning = "rms velocity, 10 to 1000 Hz, integrated from acceleration"
+    values = _rms_or_nan(measured, 10.0, 1000.0, of_velocity=True)
+    yield Indicator("velocity_rms", "m/s", meaning), values
 
 
-def _levels(measured: Measured) -> Values:
+def _bands(measured: Measured) -> Values:
+    meaning = "rms in the band; its square is the energy"
     for band in measured.bands:
         factor = measured.shaft if band.in_orders else 1.0
         if factor is None:
             continue
-        meaning = "rms in the band; its square is the energy"
         indicator = Indicator(f"band_rms {band.name}", measured.recording.unit, meaning)
-        yield indicator, _level(measured, band.low * factor, band.high * factor)
+        yield indicator, _rms_or_nan(measured, band.low * factor, band.high * factor)
 
 
-def _lines(measured: Measured) -> Values:
+def _orders(measured: Measured) -> Values:
     if measured.shaft is None:
         return
-    signal, rate, shaft = measured.recording.signal, measured.recording.sample_rate, measured.shaft
-    meaning = "peak amplitude of the line, its power gathered over 0.6 % of wandering speed, noise taken away"
-    if measured.angle is not None:
-        turned = resampled_by_angle(measured.recording, measured.angle)
-        signal, rate, shaft = turned.signal, float(turned.attributes["samples_per_turn"]), 1.0
+
+    recording = measured.recording
+    if measured.angle is None:
+        signal = recording.signal
+        rate = recording.sample_rate
+        shaft = measured.shaft
+        meaning = (
+            "peak amplitude of the line, its power gathered over 0.6 % of wandering speed, "
+            "noise taken away"
+        )
+    else:
+        steady = resample_by_angle(recording, measured.angle)
+        signal = steady.signal
+        rate = float(steady.attributes["samples_per_turn"])
+        shaft = 1.0
         meaning = "peak amplitude of the line along the shaft's angle, noise taken away"
+
     for order, amplitude in _order_amplitudes(measured.orders, signal, rate, shaft):
-        yield Indicator(f"order_amplitude {order}x", measured.recording.unit, meaning), amplitude
+        yield Indicator(f"order_amplitude {order}x", recording.unit, meaning), amplitude
 
 
 def _envelope(measured: Measured) -> Values:
-    signal, rate = measured.recording.signal, measured.recording.sample_rate
-    meaning = "edge of the channel's most impulsive band (kurtogram)"
+    signal = measured.recording.signal
+    rate = measured.recording.sample_rate
+    # An envelope holds frequencies up to half the width of its band; three times the highest line
+    # leaves room for the filter's slopes.
+    min_bandwidth = 3 * max(measured.orders, default=0) * (measured.shaft or 0.0)
     try:
-        least = 3 * max(measured.orders, default=0) * (measured.shaft or 0.0)
-        grams = kurtograms(signal, rate, least_bandwidth=least)
+        grams = kurtograms(signal, rate, min_bandwidth=min_bandwidth)
     except InputError:
         return
+
     bands = np.array([gram.band for gram in grams])
-    height = np.array([gram.kurtosis[gram.best] for gram in grams])
-    yield (
-        Indicator(
-            "spectral_kurtosis", "", "kurtosis of the most impulsive band; 0 for Gaussian noise"
-        ),
-        height,
-    )
-    yield Indicator("envelope_band_low", "Hz", f"lower {meaning}"), bands[:, 0]
-    yield Indicator("envelope_band_high", "Hz", f"upper {meaning}"), bands[:, 1]
+    kurtosis = np.array([gram.kurtosis[gram.best] for gram in grams])
+    kurtosis_meaning = "kurtosis of the most impulsive band; 0 for Gaussian noise"
+    edge_meaning = "edge of the channel's most impulsive band (kurtogram)"
+    yield Indicator("spectral_kurtosis", "", kurtosis_meaning), kurtosis
+    yield Indicator("envelope_band_low", "Hz", f"lower {edge_meaning}"), bands[:, 0]
+    yield Indicator("envelope_band_high", "Hz", f"upper {edge_meaning}"), bands[:, 1]
     if measured.shaft is None:
         return
-    for order, amplitude in _order_amplitudes(
-        measured.orders, envelopes(signal, rate, bands), rate, measured.shaft
-    ):
-        meaning = "peak amplitude of the envelope's line"
+
+    envelope = envelopes(signal, rate, bands)
+    meaning = "peak amplitude of the envelope's line"
+    for order, amplitude in _order_amplitudes(measured.orders, envelope, rate, measured.shaft):
         yield Indicator(f"envelope_amplitude {order}x", measured.recording.unit, meaning), amplitude
 
 
@@ -221,8 +233,8 @@ FAMILIES: Mapping[str, Callable[[Measured], Values]] = MappingProxyType(
     {
         "statistics": _statistics,
         "velocity": _velocity,
-        "bands": _levels,
-        "orders": _lines,
+        "bands": _bands,
+        "orders": _orders,
         "envelope": _envelope,
     }
 )

@@ -1,9 +1,9 @@
 """From time to turns: where the shaft stood at each sample, and the recording along its angle.
 
 A speed that wanders by half a percent smears the line at order 100 over half an order; along the
-shaft's angle it stands still. The angle comes from a tachometer channel (`tachometer_speed`), from
-a line of the signal itself (`tracking.tracked_speed`), or from the speed that somebody wrote down
-(`stated_angle`).
+shaft's angle it stands still. The angle comes from a tachometer channel (`tachometer_angle`), from
+a line of the signal itself (`tracking.track_shaft_angle`), or from the speed that somebody wrote down
+(`specified_angle`).
 """
 
 import math
@@ -63,7 +63,7 @@ class ShaftAngle:
             )
 
 
-def stated_angle(recording: Recording) -> ShaftAngle:
+def specified_angle(recording: Recording) -> ShaftAngle:
     """Angle that the recording's own speed, or else the speed stated for it, adds up to.
 
     Raises
@@ -100,7 +100,7 @@ counted twice.
 """
 
 
-def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 1) -> ShaftAngle:
+def tachometer_angle(recording: Recording, channel: str, pulses_per_turn: int = 1) -> ShaftAngle:
     """Angle of the shaft from the rising edges of a tachometer channel.
 
     Each edge is placed between two samples by a straight line; between edges the angle follows a
@@ -124,7 +124,7 @@ def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 
     --------
     >>> time = np.arange(10000) / 1000
     >>> pulses = (np.mod(12.5 * time, 1) < 0.1) * 5.0
-    >>> angle = tachometer_speed(Recording(pulses[None], 1000.0, "a", ("tacho",)), "tacho")
+    >>> angle = tachometer_angle(Recording(pulses[None], 1000.0, "a", ("tacho",)), "tacho")
     >>> print(f"{angle.mean_speed * 60 / (2 * np.pi):.1f} rev/min")
     750.0 rev/min
     """
@@ -204,7 +204,7 @@ into aliasing.
 """
 
 
-def resampled_by_angle(
+def resample_by_angle(
     recording: Recording,
     angle: ShaftAngle,
     samples_per_turn: int | None = None,

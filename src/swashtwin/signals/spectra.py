@@ -302,22 +302,6 @@ def synchronous_signal(
     return revolution[:, left] * (1 - weight) + revolution[:, (left + 1) % n_grid] * weight
 
 
-@lru_cache(maxsize=16)
-def band_shares(n_lines: int, n_bands: int) -> Float[np.ndarray, "line band"]:
-    """Share of each line of a spectrum in each of `n_bands` bands of equal ratio; read only.
-
-    The bands reach from half the first line to half a line after the last; a line that a band's
-    edge cuts is shared in proportion, so that the lowest bands, narrower than a line, are never
-    empty.
-    """
-    line = np.arange(1, n_lines + 1)
-    edges = np.geomspace(0.5, n_lines + 0.5, n_bands + 1)
-    upper, lower = np.minimum(edges[1:, None], line + 0.5), np.maximum(edges[:-1, None], line - 0.5)
-    shares = np.maximum(upper - lower, 0).T
-    shares.setflags(write=False)
-    return shares
-
-
 def aligned(
     measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel longer"]
 ) -> Float[np.ndarray, "channel time"]:

@@ -13,7 +13,7 @@ from scipy.interpolate import make_interp_spline
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.recordings import Recording
-from swashtwin.signals.shaft_angle import ShaftAngle, stated_angle
+from swashtwin.signals.shaft_angle import ShaftAngle, specified_angle
 from swashtwin.signals.spectra import hann_taper
 
 _RIDGE_TURNS = 8
@@ -39,7 +39,7 @@ orders.
 """
 
 
-def tracked_speed(
+def track_shaft_angle(
     recording: Recording,
     *,
     order: int | Sequence[int],
@@ -77,7 +77,7 @@ def tracked_speed(
         it.
     """
     if near is None:
-        start = stated_angle(recording)
+        start = specified_angle(recording)
     elif math.isfinite(near) and near > 0:
         start = ShaftAngle(near * recording.time, recording.sample_rate, math.nan, math.nan, "near")
     else:
@@ -297,19 +297,19 @@ def piston_pass_angle(recording: Recording, piston_count: int) -> ShaftAngle:
     InputError
         Nobody stated a speed.
     DataError
-        No piston-pass line stands clear enough to be followed (`tracked_speed`).
+        No piston-pass line stands clear enough to be followed (`track_shaft_angle`).
     """
     lines = [piston_count * number for number in range(1, _FOLLOWED + 1)]
     fine = min(_SEARCH, _SEARCH_SHARE / lines[-1])
     try:
-        low = tracked_speed(
+        low = track_shaft_angle(
             recording, order=lines[:_LOW], search=min(_SEARCH, _SEARCH_SHARE / lines[_LOW - 1])
         )
     except DataError:  # those above may still be followed
-        return tracked_speed(recording, order=lines, search=fine)
+        return track_shaft_angle(recording, order=lines, search=fine)
     if recording.speed is None:
-        return tracked_speed(recording, order=lines, near=low.mean_speed, search=fine)
+        return track_shaft_angle(recording, order=lines, near=low.mean_speed, search=fine)
     along = recording.replace(
         speed=np.maximum(low.speed, 0)
     )  # a run-up has no one speed to look near
-    return tracked_speed(along, order=lines, search=fine)
+    return track_shaft_angle(along, order=lines, search=fine)

@@ -1,6 +1,4 @@
-"""Levels of a recording: power in bands of frequency and at shaft orders, of the signal and of its
-envelope.
-"""
+"""Band powers of a recording: third octaves and shaft orders, of the signal and of its envelope."""
 
 import math
 from collections.abc import Sequence
@@ -12,117 +10,83 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.foundation import InputError
-from swashtwin.learning.features import between, running_sums
 from swashtwin.learning.windows.window_set import WindowLayout
 from swashtwin.recordings import Recording, specified_shaft_frequency
-from swashtwin.signals import TURNS, recording_density, shaft_frequency, signal_envelope
+from swashtwin.signals import (
+    TURNS,
+    BandPower,
+    power_between,
+    recording_density,
+    require_shaft_frequency,
+    running_sums,
+    signal_envelope,
+)
 
-MOST_ORDERS = 40
-"""Shaft orders that have levels, at most."""
-LEAST_LINES = 4
-"""Spectral lines in each band at least: the level of a single line scatters by 5.6 dB."""
-_RATIO = 2 ** (1 / 3)
+MAX_ORDERS = 40
+"""Shaft orders that have a band power each."""
+MIN_BAND_LINES = 4
+"""Spectral lines in each band: the power of a single line scatters by 5.6 dB."""
+BAND_RATIO = 2 ** (1 / 3)
 """Upper over lower edge of a wide band: a third octave."""
-_ORDER_WIDTH = 0.5
-"""Width of the band around a shaft order, in orders; a wandering speed smears the line within
-it.
+ORDER_WIDTH = 0.5
+"""Width of the band around a shaft order [orders], within which a wandering speed smears the line.
 """
-_FAINTEST = 1e-12
-"""Power of a level over that of its channel, at least: the converter's steps are far above it."""
-_SEGMENT = 8192
-"""Samples of each segment at most, where the speed is not known."""
-_SHORTEST = 0.5
-"""Length of a recording over that of the shortest one it is compared with, at least: levels of a
+MIN_RELATIVE_POWER = 1e-12
+"""Minimum power of a band over that of its channel; the steps of the converter are far above it."""
+MAX_SEGMENT = 8192
+"""Samples of each segment of the spectra if the speed is not known."""
+MIN_RELATIVE_LENGTH = 0.5
+"""Minimum length of a recording over the shortest one that it is compared with: band powers of a
 shorter one scatter more.
 """
-
-
-@dataclass(frozen=True)
-class BandPower:
-    """What one level is the power of; or another `quantity`."""
-
-    channel: str
-    """Channel; empty where it is of each."""
-    is_envelope: bool
-    """Whether it is of the envelope rather than of the signal."""
-    order: int | None
-    low: float
-    """Lower edge: in Hz, of short windows in periods per sample; in shaft orders for an order."""
-    high: float
-    """Upper edge, likewise."""
-    quantity: str = "power"
-    """``"power"`` of a band, ``"deviation"`` of the whole, or ``"shape"`` of the waveform."""
-
-    @property
-    def is_band(self) -> bool:
-        """Whether it is a band of the signal."""
-        return self.order is None and not self.is_envelope and self.quantity == "power"
-
-    def edges(self, shaft: float | None) -> tuple[float, float]:
-        """Its edges [Hz] at a shaft frequency [Hz]."""
-        factor = 1.0 if self.order is None else math.nan if shaft is None else shaft
-        return self.low * factor, self.high * factor
-
-    def words(self, shaft: float | None = None) -> str:
-        """Where it is, such as ``shaft order 9 (129 Hz)`` at a shaft frequency [Hz].
-
-        Examples
-        --------
-        >>> BandPower("x", True, 9, 8.75, 9.25).words(14.333)
-        'shaft order 9 of the envelope (129 Hz)'
-        """
-        of = " of the envelope" if self.is_envelope else ""
-        if self.order is None:
-            return f"{_hertz(self.low)} to {_hertz(self.high)} Hz{of}"
-        return f"shaft order {self.order}{of}" + (
-            "" if shaft is None else f" ({_hertz(self.order * shaft)} Hz)"
-        )
+USABLE_BANDWIDTH = 0.45
+"""Share of the sample rate up to which orders are used: converters filter what lies above."""
 
 
 @dataclass(frozen=True)
 class BandPowerLayout(WindowLayout):
-    """Which levels a recording is described by; `length` is that of the half-overlapping segments
-    of its spectra.
+    """Band powers that describe a recording.
+
+    `length` is that of the half-overlapping segments of its spectra.
     """
 
     n_orders: int
-    """Shaft orders 1, 2, ... that have levels; 0 where the speed is not known or too few turns were
-    recorded.
+    """Shaft orders 1, 2, ... that have a band power; 0 if the speed is not known or too few turns
+    were recorded.
     """
 
     def __post_init__(self) -> None:
         if not (0 < self.sample_rate < math.inf and self.channels and self.length >= 2):
             raise InputError(
-                "levels need a positive sample rate, a channel, and segments of two samples at least."
+                "Band powers need a positive sample rate, a channel, and segments of 2 samples or "
+                "more."
             )
-        if not 0 <= self.n_orders <= MOST_ORDERS:
-            raise InputError(f"n_orders ({self.n_orders}) must lie between 0 and {MOST_ORDERS}.")
+        if not 0 <= self.n_orders <= MAX_ORDERS:
+            raise InputError(f"n_orders ({self.n_orders}) must lie between 0 and {MAX_ORDERS}.")
 
     @cached_property
     def band_powers(self) -> tuple[BandPower, ...]:
-        """What each level is: for each channel bands and orders of the signal, then those of its
-        envelope.
+        """What each band power is of: for each channel bands and orders of the signal, then those
+        of its envelope.
         """
         edges = (band_edges(self.length // 2) * self.sample_rate / self.length).tolist()
-        half = _ORDER_WIDTH / 2
-        return tuple(
-            level
-            for channel in self.channels
-            for is_envelope in (False, True)
-            for level in (
-                *(BandPower(channel, is_envelope, None, *pair) for pair in pairwise(edges)),
-                *(
-                    BandPower(channel, is_envelope, k, k - half, k + half)
-                    for k in range(1, self.n_orders + 1)
-                ),
-            )
-        )
+        half = ORDER_WIDTH / 2
 
-    def measure(self, recording: Recording, shortest: int = 0) -> Float64[np.ndarray, " level"]:
-        """The recording's `band_powers` [dB of the squared unit]; it is never whole in memory.
+        table = []
+        for channel in self.channels:
+            for is_envelope in (False, True):
+                for low, high in pairwise(edges):
+                    table.append(BandPower(channel, is_envelope, None, low, high))
+                for order in range(1, self.n_orders + 1):
+                    table.append(BandPower(channel, is_envelope, order, order - half, order + half))
+        return tuple(table)
+
+    def measure(self, recording: Recording, shortest: int = 0) -> Float64[np.ndarray, " band"]:
+        """Return the `band_powers` of a recording [dB of the squared unit].
 
         10 log10 of the mean square in the band, from power densities (Welch, Hann taper). The
-        envelope is the magnitude of the analytic signal of the whole band.
+        envelope is the magnitude of the analytic signal of the whole band. The recording is never
+        whole in memory.
 
         Parameters
         ----------
@@ -131,89 +95,100 @@ class BandPowerLayout(WindowLayout):
         Raises
         ------
         DataError
-            The recording is unfit, too short, or states no speed where orders have levels.
+            The recording is unfit or too short, or specifies no speed although orders are used.
         """
-        shaft = shaft_frequency(recording) if self.n_orders else None
-
-        def with_envelope(signal: np.ndarray) -> np.ndarray:
-            return np.stack(
-                [signal, signal_envelope(signal - signal.mean(axis=1, keepdims=True))], axis=1
-            )
-
+        shaft = require_shaft_frequency(recording) if self.n_orders else None
         density = recording_density(
-            recording, self.length, least=_SHORTEST * shortest, of=with_envelope
+            recording,
+            self.length,
+            min_samples=MIN_RELATIVE_LENGTH * shortest,
+            transform_samples=_with_envelope,
         )
-        low, high = np.array([level.edges(shaft) for level in self.band_powers[: self._n_each]]).T
-        sums, per_hertz = running_sums(density[..., 1:]), self.length / self.sample_rate
-        power = between(sums, low * per_hertz, high * per_hertz)
-        return np.asarray(
-            10 * np.log10(np.maximum(power, _FAINTEST * sums[..., -1:] + 1e-300) / per_hertz)
-        ).ravel()
 
-    @property
-    def _n_each(self) -> int:
-        """Levels of one signal: of a channel, or of its envelope."""
-        return len(self.band_powers) // (2 * len(self.channels))
+        # Channel and envelope have the same bands, so that the first share of the table is enough.
+        n_bands = len(self.band_powers) // (2 * len(self.channels))
+        low, high = np.array([band.edges(shaft) for band in self.band_powers[:n_bands]]).T
+        lines_per_hertz = self.length / self.sample_rate
+        sums = running_sums(density[..., 1:])
+        power = power_between(sums, low * lines_per_hertz, high * lines_per_hertz)
+        power = np.maximum(power, MIN_RELATIVE_POWER * sums[..., -1:] + 1e-300)
+        return np.asarray(10 * np.log10(power / lines_per_hertz)).ravel()
+
+
+def _with_envelope(signal: np.ndarray) -> np.ndarray:
+    """Return each channel and its envelope."""
+    envelope = signal_envelope(signal - signal.mean(axis=1, keepdims=True))
+    return np.stack([signal, envelope], axis=1)
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far a recording is from the healthy ones of its machine at its operating point."""
+    """Distance of a recording from the healthy ones of its machine at its operating point."""
 
     score: float
     """Nonconformity score: squared Mahalanobis distance, up to a factor."""
     p_value: float
-    """Conformal p-value: chance that a healthy recording is as far, 1 / (n + 1) at least."""
-    change: Float64[np.ndarray, " level"]
-    """Change [dB] of each level from the mean of the healthy ones."""
-    spreads: Float64[np.ndarray, " level"]
+    """Conformal p-value: chance that a healthy recording is as far, at least 1 / (n + 1)."""
+    change: Float64[np.ndarray, " band"]
+    """Change [dB] of each band power from the mean of the healthy ones."""
+    spreads: Float64[np.ndarray, " band"]
     """The same over the standard deviation of such a difference between healthy recordings."""
     point: str
-    """Machine and operating point whose healthy recordings it was compared with, in words; empty
-    for the only one.
+    """Machine and operating point whose healthy recordings it was compared with; empty if there is
+    only one.
     """
     notes: tuple[str, ...]
-    """What was assumed, since the recording does not state it."""
-
-
-def _hertz(value: float) -> str:
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+    """What was assumed because the recording does not specify it."""
 
 
 def band_edges(n_lines: int) -> Float64[np.ndarray, " edge"]:
-    """Edges of bands over the lines 1 to `n_lines`, in lines: third octaves, but no fewer than
-    `LEAST_LINES` wide.
+    """Return the edges of bands over the lines 1 to `n_lines`, in lines.
+
+    Third octaves, but at least `MIN_BAND_LINES` wide.
 
     Examples
     --------
     >>> band_edges(40).round(1).tolist()
     [0.5, 4.5, 8.5, 12.5, 16.5, 20.8, 26.2, 33.0, 40.5]
     """
+    end = n_lines + 0.5
     edges = [0.5]
-    while edges[-1] < n_lines + 0.5:
-        edges.append(max(edges[-1] * _RATIO, edges[-1] + LEAST_LINES))
-    if len(edges) > 2 and n_lines + 0.5 - edges[-2] < (edges[-1] - edges[-2]) / 2:
+    while edges[-1] < end:
+        edges.append(max(edges[-1] * BAND_RATIO, edges[-1] + MIN_BAND_LINES))
+
+    # A last band of less than half its width joins the one below it.
+    if len(edges) > 2 and end - edges[-2] < (edges[-1] - edges[-2]) / 2:
         del edges[-1]
-    edges[-1] = n_lines + 0.5
+    edges[-1] = end
     return np.array(edges)
 
 
-def band_power_layout(recordings: Sequence[Recording]) -> tuple[BandPowerLayout, tuple[str, ...]]:
-    """(levels that all of one or more recordings of one layout allow, why orders are not among
-    them).
-    """
-    first, shortest = recordings[0], min(recording.n_samples for recording in recordings)
+def band_power_layout(
+    recordings: Sequence[Recording],
+) -> tuple[BandPowerLayout, tuple[str, ...]]:
+    """Return the band powers that all recordings of one layout allow, and why orders are missing."""
+    first = recordings[0]
+    n_samples = min(recording.n_samples for recording in recordings)
+    duration = n_samples / first.sample_rate
     shafts = [specified_shaft_frequency(recording) for recording in recordings]
-    stated = [shaft for shaft in shafts if shaft]
-    segment, n_orders, reason = min(_SEGMENT, shortest), 0, ""
-    if len(stated) < len(shafts):
-        reason = f"{recordings[shafts.index(None)].recording_id} states no speed"
-    elif shortest / first.sample_rate * min(stated) < TURNS:
-        reason = f"the shortest recording covers {shortest / first.sample_rate * min(stated):.3g} of {TURNS} turns"
+    known_shafts = [shaft for shaft in shafts if shaft]
+
+    reason = ""
+    notes: tuple[str, ...] = ()
+    if len(known_shafts) < len(shafts):
+        reason = f"{recordings[shafts.index(None)].recording_id} specifies no speed"
+    elif duration * min(known_shafts) < TURNS:
+        n_turns = duration * min(known_shafts)
+        reason = f"the shortest recording covers {n_turns:.3g} of {TURNS} turns"
+    if reason:
+        segment = min(MAX_SEGMENT, n_samples)
+        n_orders = 0
+        notes = (f"Band powers at shaft orders are not compared: {reason}.",)
     else:
-        segment = min(round(TURNS * first.sample_rate / min(stated)), shortest)
-        n_orders = min(MOST_ORDERS, int(0.45 * first.sample_rate / max(stated)))
-    notes = (f"Levels at shaft orders are not compared: {reason}.",) if reason else ()
-    return BandPowerLayout(
+        segment = min(round(TURNS * first.sample_rate / min(known_shafts)), n_samples)
+        n_orders = min(MAX_ORDERS, int(USABLE_BANDWIDTH * first.sample_rate / max(known_shafts)))
+
+    layout = BandPowerLayout(
         float(first.sample_rate), first.channels, first.unit, segment, n_orders
-    ), notes
+    )
+    return layout, notes

@@ -8,10 +8,10 @@ import scipy
 from jaxtyping import Float, Float32, Float64, Int
 
 from swashtwin.foundation import DataError, InputError, random_stream
-from swashtwin.learning.healthy.band_power_layout import BandPower
 from swashtwin.learning.networks.solved_network import SolvedNetwork, require_shapes
 from swashtwin.learning.networks.window_features import gain_response, window_bands, window_features
 from swashtwin.learning.training.class_space import shrunk_covariance
+from swashtwin.signals import BandPower
 
 HEADS = ("discriminant", "hidden")
 """What decides on the levels; of both the average."""

@@ -11,9 +11,9 @@ import scipy
 from jaxtyping import Bool, Float, Float32, Float64, Int64
 
 from swashtwin.foundation import InputError
-from swashtwin.learning.features import between, common_shift, line_powers, running_sums
+from swashtwin.learning.features import common_shift
 from swashtwin.learning.windows.window_set import WindowSet, group_means, operating_points
-from swashtwin.signals import transform
+from swashtwin.signals import line_powers, power_between, running_sums, transform
 
 LONGEST = 1 << 18
 """Samples of a segment, at most."""
@@ -114,8 +114,10 @@ class RecordingBandLayout:
         if self.n_orders:
             order = np.arange(1, self.n_orders + 1)
             per_order *= _aligned(sums, order, per_order)
-            parts.append(between(sums, (order - _LINE) * per_order, (order + _LINE) * per_order))
-            floor = between(
+            parts.append(
+                power_between(sums, (order - _LINE) * per_order, (order + _LINE) * per_order)
+            )
+            floor = power_between(
                 sums, (order + _BETWEEN[0]) * per_order, (order + _BETWEEN[1]) * per_order
             )
             parts.append(
@@ -149,7 +151,7 @@ class RecordingBandLayout:
             )
             edges = bands[:-1], bands[1:]
         sums = running_sums(line_powers(square - 1)[:, : int(edges[1][-1]) + 2])
-        return np.maximum(between(sums, *edges), 1e-12)
+        return np.maximum(power_between(sums, *edges), 1e-12)
 
     def shapes(
         self, band_powers: Float[np.ndarray, "*row channel level"]
@@ -173,7 +175,7 @@ def _bands(
 ) -> Float64[np.ndarray, "channel band"]:
     """Power in each band of equal ratio of eight octaves up to line `highest`."""
     edges = highest * 2.0 ** (-np.arange(8 * per_octave, -1, -1) / per_octave)
-    return between(sums, edges[:-1], edges[1:])
+    return power_between(sums, edges[:-1], edges[1:])
 
 
 def _aligned(
@@ -184,11 +186,11 @@ def _aligned(
     """
     factor = np.linspace(1 - _SEARCH, 1 + _SEARCH, _STEPS)
     teeth = np.outer(factor, order)
-    line = between(
+    line = power_between(
         sums, (teeth - _NARROW).ravel() * per_order, (teeth + _NARROW).ravel() * per_order
     )
     line = line.reshape(-1, *teeth.shape)
-    around = between(sums, (order - 0.5) * per_order, (order + 0.5) * per_order)[:, None]
+    around = power_between(sums, (order - 0.5) * per_order, (order + 0.5) * per_order)[:, None]
     return float(factor[np.log(line / np.maximum(around, 1e-30) + 1e-3).sum(axis=(0, 2)).argmax()])
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 
 from swashtwin.foundation import InputError
-from swashtwin.learning.features import log_band_powers, window_powers
+from swashtwin.learning.features import window_powers
 from swashtwin.learning.training.class_space import ClassSpace, fit_class_space
 from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.signals import log_band_powers
 
 FACTS = ("level", "noise_floor", "line_share", "offset", "likeness")
 """Variance, level of the quietest tenth of the spectrum, and share of the power in the strongest

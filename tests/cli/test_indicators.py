@@ -106,7 +106,7 @@ def test_features_goes_on_after_an_interrupt(
             raise KeyboardInterrupt
         return summarize_long_recording(recording, describe)
 
-    monkeypatch.setattr("swashtwin.signals.long_indicators", stopping)
+    monkeypatch.setattr("swashtwin.signals.summarize_long_recording", stopping)
     assert "The same command continues" in one_line(run(*words, out, code=130))
     assert not out.exists()
     with (tmp_path / "out.csv.partial").open("a") as file:

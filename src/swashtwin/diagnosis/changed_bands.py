@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swashtwin.learning import BandPower, Deviation, common_shift
+from swashtwin.learning import Deviation, common_shift
+from swashtwin.signals import BandPower
 
 LEAST_SPREADS = 3.0
 """Standard deviations by which a level must have moved to be listed."""

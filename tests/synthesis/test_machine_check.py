@@ -58,13 +58,13 @@ def test_another_speed_or_pressure_is_refused_unless_it_is_named_on_purpose(
 ) -> None:
     faster = twin.condition.replace(speed=rpm(1500))
     with pytest.raises(
-        InputError, match=r"the twin runs at 1500 rev/min and the recordings state 860 rev/min"
+        InputError, match=r"The twin runs at 1500 rev/min, but the recordings specify 860 rev/min"
     ):
         require_same_machine(twin, [faster], [same])
     assert require_same_machine(twin, [faster], [same], speed=False) == ()
     higher = twin.condition.replace(discharge_pressure=MPa(28))
     with pytest.raises(
-        InputError, match=r"the twin runs at 28 MPa and the recordings state 15 MPa: .* calibrate"
+        InputError, match=r"The twin runs at 28 MPa, but the recordings specify 15 MPa\. Calibrate"
     ):
         require_same_machine(
             twin, [higher], cut_windows([same], length=1024, allow_partial_revolution=True)
@@ -77,7 +77,7 @@ def test_a_stated_number_of_pistons_is_compared_without_looking_at_the_lines(
 ) -> None:
     nine = same.replace(attributes={"pistons": "9"}, signal=np.zeros_like(same.signal))
     with pytest.raises(
-        InputError, match=r"rec-0 is of a pump with 9 pistons, the twin \(25scy14-1b\) has 7; cal"
+        InputError, match=r"rec-0 is of a pump with 9 pistons, the twin \(25scy14-1b\) has 7. Cal"
     ):
         require_same_machine(twin, [twin.condition], [nine])
     seven = nine.replace(attributes={"pistons": "7"})
@@ -89,7 +89,7 @@ def test_lines_alone_show_another_pump_where_nothing_is_stated(
 ) -> None:
     notes = require_same_machine(twin, [twin.condition], [without_condition(same)])
     assert [note.split(";")[0] for note in notes] == [
-        "the recordings state no speed", "the recordings state no pressure",
+        "The recordings specify no speed", "The recordings specify no pressure",
     ]  # fmt: skip
     with pytest.raises(
         InputError,
@@ -101,8 +101,8 @@ def test_lines_alone_show_another_pump_where_nothing_is_stated(
 def test_noise_shows_nothing_and_that_is_said(twin: Twin, same: Recording) -> None:
     noise = same.replace(signal=np.random.default_rng(0).normal(size=same.signal.shape))
     (note,) = require_same_machine(twin, [twin.condition], [noise])
-    assert "do not show how many pistons" in note
-    assert "that it has 7 cannot be known" in note
+    assert "do not show the number of pistons" in note
+    assert "that of the twin (7) cannot be checked" in note
 
 
 def test_training_refuses_synthetic_windows_of_another_speed(twin: Twin, same: Recording) -> None:
@@ -115,7 +115,7 @@ def test_training_refuses_synthetic_windows_of_another_speed(twin: Twin, same: R
         background="none",
     )
     with pytest.raises(
-        InputError, match=r"synthetic windows run at 1500 rev/min .* recordings state 860"
+        InputError, match=r"synthetic windows run at 1500 rev/min, .* recordings specify 860"
     ):
         require_shared_speed(measured, synthetic)
     require_shared_speed(replace(measured, speed=np.full(len(measured), np.nan)), synthetic)

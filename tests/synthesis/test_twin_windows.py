@@ -174,7 +174,7 @@ def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pum
     ):
         simulate_windows(deaf, count=1, like=measured, seed=0)
     only_synthetic = simulate_windows(twin, count=2, like=measured, seed=0)
-    with pytest.raises(InputError, match="the background can be 'none'"):
+    with pytest.raises(InputError, match="set background='none'"):
         simulate_windows(twin, count=1, like=only_synthetic, seed=0)
 
 

@@ -1,4 +1,4 @@
-"""Whether a twin and recordings are of the same kind of pump at the same operating point."""
+"""Check that a twin and recordings are of the same kind of pump at the same operating point."""
 
 import math
 from collections.abc import Sequence
@@ -12,12 +12,12 @@ from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, is_healthy
 from swashtwin.recordings import Recording, specified_pressure, specified_shaft_frequency
 
-_EXAMINED = 3
-"""Recordings whose lines are looked at, healthy ones first."""
-_LEAST_TURNS = 12
-"""Turns of the shaft that a recording needs for its lines to be told apart."""
-_WHOLE = 0.03
-"""How far a count of pistons may lie from a whole number."""
+_MAX_EXAMINED = 3
+"""Recordings whose lines are examined, healthy ones first."""
+_MIN_TURNS = 12
+"""Turns of the shaft that a recording needs for its lines to be separated."""
+_PISTON_COUNT_TOLERANCE = 0.03
+"""Relative deviation of a piston count from a whole number."""
 
 
 def require_same_machine(
@@ -28,11 +28,21 @@ def require_same_machine(
     speed: bool = True,
     pressure: bool = True,
 ) -> tuple[str, ...]:
-    """What cannot be known about whether a twin is of the pump that was measured, in sentences.
+    """Require that a twin is of the pump that was measured; return what cannot be checked.
 
-    Speeds and pressures of the `conditions` of use are compared where recordings state them, unless
-    `speed` or `pressure` is False; the number of pistons where they have the attribute ``pistons``,
-    and else as their lines show it. Windows are too short to show it.
+    Speeds and pressures of the `conditions` of use are compared with those that the recordings
+    specify. The number of pistons is compared with the attribute ``pistons`` if all recordings have
+    it, and else with their lines. Windows are too short for that.
+
+    Parameters
+    ----------
+    conditions : operating points of the windows that are to be made.
+    like : measured windows, or recordings.
+    speed, pressure : whether to compare speeds and pressures.
+
+    Returns
+    -------
+    notes : sentences.
 
     Raises
     ------
@@ -40,74 +50,93 @@ def require_same_machine(
         The twin has another number of pistons, another speed or another pressure than every
         recording.
     """
+    notes: list[str] = []
     if isinstance(like, WindowSet):
-        measured = ~like.synthetic
-        speeds, pressures = like.speed[measured], like.discharge_pressure[measured]
-        notes: list[str] = []
+        is_measured = ~like.synthetic
+        speeds = like.speed[is_measured]
+        pressures = like.discharge_pressure[is_measured]
     else:
-        speeds = np.array(
-            [(specified_shaft_frequency(recording) or math.nan) * 2 * math.pi for recording in like]
-        )
+        frequencies = [specified_shaft_frequency(recording) or math.nan for recording in like]
+        speeds = np.array(frequencies) * 2 * math.pi
         pressures = np.array([specified_pressure(recording) for recording in like])
-        notes = _refuse_other_pistons(twin, conditions[0], like)
-    for quantity, is_checked, simulated, stated in (
-        ("speed", speed, [condition.speed for condition in conditions], speeds),
-        (
-            "pressure",
-            pressure,
-            [condition.discharge_pressure for condition in conditions],
-            pressures,
-        ),
-    ):
-        if is_checked:
-            remedy = f"calibrate a twin on these recordings, or name the {quantity} that you want windows at"
-            require_matching_values(
-                np.array(simulated), stated, quantity=quantity, who="the twin runs", remedy=remedy
-            )
-            if np.isnan(stated).all():
-                notes.append(
-                    f"the recordings state no {quantity}; that it is the twin's cannot be known"
-                )
+        notes = _check_pistons(twin, conditions[0], like)
+
+    if speed:
+        twin_speeds = np.array([condition.speed for condition in conditions])
+        notes += _check_quantity("speed", twin_speeds, speeds)
+    if pressure:
+        twin_pressures = np.array([condition.discharge_pressure for condition in conditions])
+        notes += _check_quantity("pressure", twin_pressures, pressures)
     return tuple(notes)
 
 
-def _refuse_other_pistons(
+def _check_quantity(quantity: str, simulated: np.ndarray, measured: np.ndarray) -> list[str]:
+    """Require a common speed or pressure; return a note if the recordings specify none."""
+    require_matching_values(
+        simulated,
+        measured,
+        quantity=quantity,
+        subject="the twin runs",
+        remedy=f"Calibrate a twin on these recordings, or set {{{quantity}}} to that of the windows "
+        "you want.",
+    )
+    if np.isnan(measured).all():
+        return [f"The recordings specify no {quantity}, so that of the twin cannot be checked."]
+    return []
+
+
+def _check_pistons(
     twin: Twin, condition: OperatingCondition, recordings: Sequence[Recording]
 ) -> list[str]:
-    """What cannot be known of the number of pistons; an error where it is another than the
-    twin's.
-    """
-    count, pump = twin.pump.rotating_group.piston_count, twin.pump.name
-    remedy = "calibrate a twin of that pump, or give recordings of this one"
-    for recording in recordings:
-        stated = str(recording.attributes.get("pistons", ""))
-        if stated.isdecimal() and int(stated) != count:
+    """Require the twin's number of pistons; return a note if the recordings do not show theirs."""
+    count = twin.pump.rotating_group.piston_count
+    specified_counts = [str(recording.attributes.get("pistons", "")) for recording in recordings]
+    for recording, specified in zip(recordings, specified_counts, strict=True):
+        if specified.isdecimal() and int(specified) != count:
             raise InputError(
-                f"{recording.recording_id} is of a pump with {stated} pistons, the twin ({pump}) has {count}; {remedy}."
+                f"{recording.recording_id} is of a pump with {specified} pistons, the twin "
+                f"({twin.pump.name}) has {count}. {_OTHER_PUMP_REMEDY}"
             )
-    if all(str(recording.attributes.get("pistons", "")).isdecimal() for recording in recordings):
+    if all(specified.isdecimal() for specified in specified_counts):
         return []
+
     contradiction = ""
-    for recording in sorted(recordings, key=lambda item: not is_healthy(item.label))[:_EXAMINED]:
-        shaft = specified_shaft_frequency(recording) or condition.shaft_frequency
-        if recording.duration * shaft < _LEAST_TURNS:
+    healthy_first = sorted(recordings, key=lambda recording: not is_healthy(recording.label))
+    for recording in healthy_first[:_MAX_EXAMINED]:
+        shaft_frequency = specified_shaft_frequency(recording) or condition.shaft_frequency
+        if recording.duration * shaft_frequency < _MIN_TURNS:
             continue
-        shown = detect_speed(recording, shaft, count)
-        if shown.is_clear and not shown.contradicts:
+
+        detected = detect_speed(recording, shaft_frequency, count)
+        if detected.is_clear and not detected.contradicts:
             return []
-        if shown.contradicts and not contradiction:
-            spacing, pistons = shown.shown * count, shown.shown * count / shaft
-            lines = (
-                f"{recording.recording_id} has piston-pass lines at multiples of {spacing:.4g} Hz"
-            )
-            if (
-                specified_shaft_frequency(recording)
-                and abs(pistons - round(pistons)) <= _WHOLE * pistons
-            ):
-                lines += f", those of {round(pistons)} pistons at {60 * shaft:.4g} rev/min"
-            contradiction = f"{lines}, and the twin ({pump}) with its {count} at multiples of {count * shaft:.4g} Hz"
+        if detected.contradicts and not contradiction:
+            line_spacing = detected.shown * count
+            contradiction = _describe_contradiction(recording, twin, line_spacing, shaft_frequency)
+
     if contradiction:
-        raise InputError(f"{contradiction}; {remedy}.")
+        raise InputError(f"{contradiction}. {_OTHER_PUMP_REMEDY}")
     return [
-        f"the recordings' lines do not show how many pistons the pump has; that it has {count} cannot be known"
+        "The lines of the recordings do not show the number of pistons, so that of the twin "
+        f"({count}) cannot be checked."
     ]
+
+
+_OTHER_PUMP_REMEDY = "Calibrate a twin of that pump, or give recordings of this one."
+
+
+def _describe_contradiction(
+    recording: Recording, twin: Twin, line_spacing: float, shaft_frequency: float
+) -> str:
+    """Describe the piston-pass lines [Hz] that a recording has and those that it should have."""
+    count = twin.pump.rotating_group.piston_count
+    text = f"{recording.recording_id} has piston-pass lines at multiples of {line_spacing:.4g} Hz"
+
+    pistons = line_spacing / shaft_frequency
+    is_whole = abs(pistons - round(pistons)) <= _PISTON_COUNT_TOLERANCE * pistons
+    if specified_shaft_frequency(recording) and is_whole:
+        text += f", those of {round(pistons)} pistons at {60 * shaft_frequency:.4g} rev/min"
+    return (
+        f"{text}, and the twin ({twin.pump.name}) with its {count} at multiples of "
+        f"{count * shaft_frequency:.4g} Hz"
+    )

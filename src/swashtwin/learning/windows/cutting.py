@@ -1,9 +1,10 @@
-"""Recordings to windows."""
+"""Cut recordings into windows of equal length."""
 
 import difflib
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
@@ -22,10 +23,8 @@ from swashtwin.recordings import (
     window_findings,
 )
 
-_WHOLE = 1 << 21
-"""Samples of all channels up to which a recording is read once and held in memory while it is
-cut.
-"""
+_MAX_SAMPLES_IN_MEMORY = 1 << 21
+"""Samples of all channels up to which a recording is read once and kept in memory while it is cut."""
 
 
 def cut_windows(
@@ -36,31 +35,30 @@ def cut_windows(
     classes: Sequence[str] | None = None,
     allow_partial_revolution: bool = False,
 ) -> WindowSet:
-    """Windows of equal length, in the recordings' order; samples left over at a recording's end are
-    dropped.
+    """Cut recordings into windows of equal length, in the recordings' order.
 
-    Cut first and split afterwards: the split keeps each recording on one side, however the windows
-    overlap.
+    Samples left over at a recording's end are dropped. Cut first and split afterwards: the split
+    keeps each recording on one side, however the windows overlap.
 
     Parameters
     ----------
-    recordings : in memory or in their files: these are read in blocks, and only windows are kept.
+    recordings : in memory or in their files. Files are read in blocks, and only windows are kept.
     length : samples per window.
-    stride : samples from one window's start to the next one's; the default, `length`, lets none
+    stride : samples from one window's start to the next one's; by default `length`, without
         overlap.
-    classes : class names in the order wanted, such as ``faults.CLASSES``; by default the labels
-        found, sorted.
-    allow_partial_revolution : accept windows shorter than one turn of the shaft. Not advised: such
-        a window sees some pistons only, and its label may rest on a part of the turn where the
-        fault is silent.
+    classes : class names in their order, such as ``faults.CLASSES``; by default the labels of the
+        recordings, sorted.
+    allow_partial_revolution : accept windows shorter than one turn of the shaft. Not recommended:
+        such a window covers some pistons only, and its label may rest on a part of the turn in
+        which the fault is silent.
 
     Raises
     ------
     InputError
-        Lengths, classes or labels that cannot be, or a window shorter than one revolution.
+        Invalid lengths, classes or labels, or a window shorter than one revolution.
     DataError
-        Recordings that do not fit together, are too short for one window, or are unfit (NaN, a
-        constant channel).
+        Recordings of different layouts, too short for one window, or unusable (NaN, a constant
+        channel).
 
     Examples
     --------
@@ -71,31 +69,36 @@ def cut_windows(
     """
     recordings = list(recordings)
     if not recordings:
-        raise DataError("no recording to cut windows from; check the folder or the selection.")
+        raise DataError(
+            "There is no recording to cut windows from. Check the folder or the selection."
+        )
     require_unique_ids(
         (recording.recording_id for recording in recordings), "a training and its test"
     )
     if length < 2:
         raise InputError(
-            f"a window of {length} sample(s) is too short to learn from; length counts samples."
+            f"A window of {length} sample(s) is too short to learn from; length counts samples."
         )
-    stride = length if stride is None else stride
+    if stride is None:
+        stride = length
     if stride < 1:
         raise InputError(
-            f"stride ({stride} samples) must be at least 1; {length} lets no window overlap."
+            f"stride ({stride} samples) must be at least 1; {length} gives windows without overlap."
         )
     for finding in layout_findings(recordings):
         raise DataError(finding.message)
-    classes = _class_order(recordings, classes)
+    class_names = _class_order(recordings, classes)
     _require_long_enough(recordings, length, allow_partial_revolution)
-    parts: list[Float32[np.ndarray, "_window channel time"]] = []
+
+    windows_by_recording: list[Float32[np.ndarray, "_window channel time"]] = []
     content: dict[str, tuple[str, ...]] = {}
     for stored in recordings:
-        recording = _read_once(stored.unloaded())
+        # Unloaded copies, so that memory does not keep the samples of all recordings.
+        recording = _load_if_short(stored.unloaded())
         require_usable(recording)
-        content |= build_manifest([recording])
-        parts.append(_slices(recording, length, stride))
-    return _assembled(recordings, parts, stride, classes, content)
+        content.update(build_manifest([recording]))
+        windows_by_recording.append(_slices(recording, length, stride))
+    return _assemble(recordings, windows_by_recording, stride, class_names, content)
 
 
 def window_batches(
@@ -107,111 +110,125 @@ def window_batches(
     allow_partial_revolution: bool = False,
     batch: int = 1024,
 ) -> Iterator[WindowSet]:
-    """The windows of `cut_windows`, at most `batch` at a time, for a recording whose windows are
-    larger than memory.
+    """Yield the windows of `cut_windows`, at most `batch` at a time.
+
+    This is for a recording whose windows are larger than memory.
 
     Raises
     ------
     InputError, DataError
         As in `cut_windows`, before the first windows come.
     """
-    stride = length if stride is None else stride
+    if stride is None:
+        stride = length
     class_names = _class_order([recording], classes)
     _require_long_enough([recording], length, allow_partial_revolution)
-    recording = _read_once(recording)
+    recording = _load_if_short(recording)
     require_usable(recording)
-    count = 1 + (recording.n_samples - length) // stride
-    for first in range(0, count, batch):
-        last = min(first + batch, count)
+
+    for first, last in _blocks(recording.n_samples, length, stride, batch):
         part = recording.slice(first * stride, (last - 1) * stride + length)
-        windows = _assembled([part], [_slices(part, length, stride)], stride, class_names, {})
+        windows = _assemble([part], [_slices(part, length, stride)], stride, class_names, {})
         yield replace(windows, start=windows.start + first * stride)
 
 
-def _read_once(recording: Recording) -> Recording:
-    """The recording, with its samples in memory where they are few, so that what follows does not
-    read them again.
-    """
-    if recording.n_samples * recording.n_channels <= _WHOLE:
+def _load_if_short(recording: Recording) -> Recording:
+    """Load the samples of a short recording, so that later steps do not read them again."""
+    if recording.n_samples * recording.n_channels <= _MAX_SAMPLES_IN_MEMORY:
         recording.signal  # noqa: B018 - stays in memory
     return recording
 
 
 def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None) -> tuple[str, ...]:
+    labels = {recording.label for recording in recordings if recording.label is not None}
     if classes is None:
-        return tuple(
-            sorted({recording.label for recording in recordings if recording.label is not None})
-        )
+        return tuple(sorted(labels))
+
     for recording in recordings:
-        if recording.label is not None and recording.label not in classes:
-            near = difflib.get_close_matches(recording.label, classes, n=1, cutoff=0.3)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
-            raise InputError(
-                f"{recording.recording_id} has the label {recording.label!r}; the classes are "
-                f"{', '.join(classes)}.{hint}"
-            )
+        if recording.label is None or recording.label in classes:
+            continue
+        similar = difflib.get_close_matches(recording.label, classes, n=1, cutoff=0.3)
+        hint = f" Did you mean {similar[0]!r}?" if similar else ""
+        raise InputError(
+            f"{recording.recording_id} has the label {recording.label!r}, which is not among the "
+            f"classes {', '.join(classes)}.{hint}"
+        )
     return tuple(classes)
 
 
 def _require_long_enough(
     recordings: Sequence[Recording], length: int, allow_partial_revolution: bool
 ) -> None:
-    for finding in window_findings(
+    findings = window_findings(
         recordings, length, allow_partial_revolution=allow_partial_revolution
-    ):
-        raise (InputError if finding.kind == "partial_turn" else DataError)(finding.message)
+    )
+    for finding in findings:
+        error = InputError if finding.kind == "partial_turn" else DataError
+        raise error(finding.message)
+
+
+def _blocks(n_samples: int, length: int, stride: int, size: int) -> Iterator[tuple[int, int]]:
+    """Yield (first, last + 1) window of each block of at most `size` windows of a recording."""
+    n_windows = 1 + (n_samples - length) // stride
+    for first in range(0, n_windows, size):
+        yield first, min(first + size, n_windows)
 
 
 def _slices(
     recording: Recording, length: int, stride: int
 ) -> Float32[np.ndarray, "window channel time"]:
-    count = 1 + (recording.n_samples - length) // stride
-    windows = np.empty((count, len(recording.channels), length), dtype=np.float32)
-    at_once = max(1, BLOCK_SAMPLES // stride)
-    for first in range(0, count, at_once):
-        last = min(first + at_once, count)
+    n_windows = 1 + (recording.n_samples - length) // stride
+    windows = np.empty((n_windows, len(recording.channels), length), dtype=np.float32)
+    block_size = max(1, BLOCK_SAMPLES // stride)
+    for first, last in _blocks(recording.n_samples, length, stride, block_size):
         signal = recording.slice(first * stride, (last - 1) * stride + length).signal
         views = np.lib.stride_tricks.sliding_window_view(signal, length, axis=1)[:, ::stride]
         windows[first:last] = views.transpose(1, 0, 2)
     return windows
 
 
-def _assembled(
+def _assemble(
     recordings: Sequence[Recording],
-    slices: Sequence[Float32[np.ndarray, "_window channel time"]],
+    windows_by_recording: Sequence[Float32[np.ndarray, "_window channel time"]],
     stride: int,
     classes: tuple[str, ...],
     content: Manifest,
 ) -> WindowSet:
-    repeats = [len(part) for part in slices]
-    index = {name: position for position, name in enumerate(classes)}
-    conditions = [recording.condition for recording in recordings]
-    pressure = [
-        math.nan if condition is None else condition.discharge_pressure for condition in conditions
-    ]
-    speed = [
-        (specified_shaft_frequency(recording) or math.nan) * 2 * math.pi
-        if condition is None
-        else condition.speed
-        for recording, condition in zip(recordings, conditions, strict=True)
-    ]
-    target = [-1 if recording.label is None else index[recording.label] for recording in recordings]
+    """Join the windows of some recordings, each with the facts of its recording."""
+    class_index = {name: index for index, name in enumerate(classes)}
+    targets = []
+    pressures = []
+    speeds = []
+    for recording in recordings:
+        targets.append(-1 if recording.label is None else class_index[recording.label])
+        condition = recording.condition
+        if condition is None:
+            pressures.append(math.nan)
+            speeds.append((specified_shaft_frequency(recording) or math.nan) * 2 * math.pi)
+        else:
+            pressures.append(condition.discharge_pressure)
+            speeds.append(condition.speed)
+
+    counts = [len(windows) for windows in windows_by_recording]
+    if len(windows_by_recording) == 1:
+        signal = windows_by_recording[0]  # a copy would double the memory
+    else:
+        signal = np.concatenate(windows_by_recording)
+
+    def repeat(values: Sequence[Any], dtype: type) -> np.ndarray:
+        """Return the value of each recording, once for each of its windows."""
+        return np.repeat(np.array(values, dtype=dtype), counts)
+
     return WindowSet(
-        signal=slices[0] if len(slices) == 1 else np.concatenate(slices),
-        target=np.repeat(np.array(target, dtype=np.int64), repeats),
+        signal=signal,
+        target=repeat(targets, np.int64),
         classes=classes,
-        recording_id=np.repeat(
-            np.array([recording.recording_id for recording in recordings], dtype=np.str_), repeats
-        ),
-        specimen=np.repeat(
-            np.array([recording.specimen or "" for recording in recordings], dtype=np.str_), repeats
-        ),
-        discharge_pressure=np.repeat(np.array(pressure, dtype=np.float64), repeats),
-        speed=np.repeat(np.array(speed, dtype=np.float64), repeats),
-        start=np.concatenate([np.arange(count, dtype=np.int64) * stride for count in repeats]),
-        synthetic=np.repeat(
-            np.array([recording.synthetic for recording in recordings], dtype=np.bool_), repeats
-        ),
+        recording_id=repeat([recording.recording_id for recording in recordings], np.str_),
+        specimen=repeat([recording.specimen or "" for recording in recordings], np.str_),
+        discharge_pressure=repeat(pressures, np.float64),
+        speed=repeat(speeds, np.float64),
+        start=np.concatenate([np.arange(count, dtype=np.int64) * stride for count in counts]),
+        synthetic=repeat([recording.synthetic for recording in recordings], np.bool_),
         sample_rate=float(recordings[0].sample_rate),
         channels=recordings[0].channels,
         unit=recordings[0].unit,

@@ -1,9 +1,8 @@
-"""Training and test sets, and folds, that share no recording. Splitting by window does not exist
-here.
+"""Training and test sets, and folds, that share no recording.
 
-Neighboring windows of one recording are nearly the same window; a random split of windows measures
-memory. Three roles need two calls: split off the test set first, then split the rest into training
-and validation.
+There is no split by window: neighboring windows of one recording are nearly the same window, so a
+random split of windows measures memory. Three roles need two calls: split off the test set first,
+then split the rest into training and validation.
 """
 
 import warnings
@@ -25,46 +24,65 @@ from swashtwin.recordings import (
 )
 
 Fold = tuple[Int[np.ndarray, " _trained"], Int[np.ndarray, " _tested"]]
+"""Indices of the windows to train on, and of those to test on."""
+
+MAX_TEST_FRACTION = 0.5
+"""Largest share to test on: beyond it, training and test should change places."""
 
 
 def require_measured(windows: WindowSet) -> None:
-    """Raise a `LeakError` that names a synthetic window, if there is one: no split may deal these
-    out.
+    """Raise a `LeakError` that names a synthetic window, if there is one.
+
+    No split may deal synthetic windows: those made from a recording must stay on its side.
     """
     if windows.synthetic.any():
         name = windows.recording_id[windows.synthetic][0]
         raise LeakError(
-            f"{name} is synthetic; split the measured windows first, then add synthetic ones to training."
+            f"{name} is synthetic. Split the measured windows first, then add synthetic ones to "
+            "the training set."
         )
 
 
 def window_groups(
     windows: WindowSet, group: str | Mapping[str, str]
 ) -> Shaped[np.ndarray, " window"]:
-    """Name of each window's group: by one of `GROUPS`, or by its recording's id as
-    `recording_groups` gives it.
+    """Return the name of each window's group.
+
+    Parameters
+    ----------
+    group : one of `GROUPS`, or the group of each recording by its id (`recording_groups`).
+
+    Raises
+    ------
+    DataError
+        A recording has no group.
+    InputError
+        No such group.
     """
+    n_recordings = np.unique(windows.recording_id).size
     if isinstance(group, Mapping):
         missing = [name for name in np.unique(windows.recording_id).tolist() if name not in group]
         if missing:
-            raise DataError(
-                missing_group_message(missing, np.unique(windows.recording_id).size, "group")
-            )
-        return np.array([str(group[name]) for name in windows.recording_id.tolist()], dtype=np.str_)
+            raise DataError(missing_group_message(missing, n_recordings, "group"))
+        names = [str(group[name]) for name in windows.recording_id.tolist()]
+        return np.array(names, dtype=np.str_)
+
     if group == "recording":
         return windows.recording_id
     if group == "condition":
         ids = windows.recording_id.tolist()
-        return np.array(
-            name_conditions(ids, windows.speed, windows.discharge_pressure), dtype=np.str_
-        )
+        names = name_conditions(ids, windows.speed, windows.discharge_pressure)
+        return np.array(names, dtype=np.str_)
     if group != "specimen":
         raise InputError(
-            f"group {group!r} is none of {', '.join(GROUPS)}; an attribute of the recordings gives groups of its own."
+            f"Invalid group {group!r}: it must be one of {', '.join(GROUPS)}, or an attribute that "
+            "all recordings have."
         )
-    if (windows.specimen == "").any():
-        missing = sorted(set(windows.recording_id[windows.specimen == ""].tolist()))
-        raise DataError(missing_group_message(missing, np.unique(windows.recording_id).size, group))
+
+    has_specimen = windows.specimen != ""
+    if not has_specimen.all():
+        missing = np.unique(windows.recording_id[~has_specimen]).tolist()
+        raise DataError(missing_group_message(missing, n_recordings, group))
     return windows.specimen
 
 
@@ -76,96 +94,109 @@ def split_by_recording(
     group: str | Mapping[str, str] = "recording",
     keep_in_training: Iterable[str] = (),
 ) -> tuple[WindowSet, WindowSet]:
-    """(training set, test set) that share no recording, with every class on both sides.
+    """Return a training set and a test set that share no recording, each with every class.
 
-    The groups are dealt into k folds of like composition by class and discharge pressure
+    The groups are dealt into k folds of similar composition by class and discharge pressure
     (scikit-learn's `StratifiedGroupKFold`), one of which is the test set. k starts at
     1/`test_fraction` and falls until every class stands on both sides, so with few recordings the
-    test set may be larger than asked.
+    test set may be larger than requested.
 
     Parameters
     ----------
     windows : measured windows with labels.
     test_fraction : share of the windows to test on, above 0 and at most 0.5.
     seed : seed of the draw.
-    group : what is kept whole: ``"recording"``, ``"specimen"`` (one machine on one side only),
-        ``"condition"`` (one speed and pressure on one side only), or any group by recording id
-        (`recording_groups`). A recording never stands on both sides, whichever it is.
+    group : what is kept whole: ``"recording"``, ``"specimen"`` (a machine is on one side only),
+        ``"condition"`` (a speed and pressure is on one side only), or any group by recording id
+        (`recording_groups`). A recording is never on both sides.
     keep_in_training : recordings (a manifest, or ids) that must not be tested on, such as the
         manifest of synthetic windows that the training set will get. Their groups stay in the
-        training set, and the rest is split.
+        training set, and the others are split.
 
     Raises
     ------
     DataError
-        Some class cannot stand on both sides, or a fact the split needs was not recorded.
+        A class cannot be on both sides, or a fact that the split needs is missing.
     LeakError
         Some windows are synthetic. Add these to the training set afterwards.
     """
-    if not 0 < test_fraction <= 0.5:
+    if not 0 < test_fraction <= MAX_TEST_FRACTION:
         raise InputError(
-            f"test_fraction ({test_fraction:g}) must be above 0 and at most 0.5; a fifth is 0.2."
+            f"test_fraction ({test_fraction:g}) must be above 0 and at most "
+            f"{MAX_TEST_FRACTION:g}; a fifth is 0.2."
         )
     require_measured(windows)
     windows.require_labels("a split by class")
-    groups, name = window_groups(windows, group), group if isinstance(group, str) else "group"
-    _require_two_groups(windows, groups, f"{name}(s)")
-    names = sorted(find_copies(join_manifests([keep_in_training]), windows.recordings))
-    is_kept = np.isin(groups, groups[np.isin(windows.recording_id, names)])
-    if is_kept.any():
+    groups = window_groups(windows, group)
+    group_name = group if isinstance(group, str) else "group"
+    _require_two_groups(windows, groups, f"{group_name}(s)")
+
+    tied_names = sorted(find_copies(join_manifests([keep_in_training]), windows.recordings))
+    tied_groups = groups[np.isin(windows.recording_id, tied_names)]
+    is_free = ~np.isin(groups, tied_groups)
+    if not is_free.all():
         _require_two_groups(
-            windows.subset(~is_kept),
-            groups[~is_kept],
-            f"{name}(s) without a part in synthetic ones",
+            windows.subset(is_free),
+            groups[is_free],
+            f"{group_name}(s) without a part in synthetic ones",
         )
-    rows = np.flatnonzero(~is_kept)
-    pressures = np.unique(windows.cell_pressure, return_inverse=True)[1]
-    cells = windows.target * (int(pressures.max()) + 1) + pressures
-    test = select_test_rows(windows.target[rows], cells[rows], groups[rows], test_fraction, seed)
-    if test is None:
+
+    rows = np.flatnonzero(is_free)
+    cell_pressure = np.unique(windows.cell_pressure, return_inverse=True)[1]
+    cells = windows.target * (int(cell_pressure.max()) + 1) + cell_pressure
+    test_rows = select_test_rows(
+        windows.target[rows], cells[rows], groups[rows], test_fraction, seed
+    )
+    if test_rows is None:
         raise DataError(
-            f"no split by {name} keeps every class on both sides; name the recordings of the test."
+            f"No split by {group_name} keeps every class on both sides. Name the recordings of the "
+            "test, or record more."
         )
-    mask = np.zeros(len(windows), dtype=np.bool_)
-    mask[rows[test]] = True
-    return windows.subset(~mask), windows.subset(mask)
+
+    is_test = np.zeros(len(windows), dtype=np.bool_)
+    is_test[rows[test_rows]] = True
+    return windows.subset(~is_test), windows.subset(is_test)
 
 
 def check_disjoint(train: WindowSet, test: WindowSet) -> None:
     """Raise a `LeakError` if the test set was, or could have been, seen in training.
 
-    That is: a recording stands on both sides, a test window is byte for byte a training window (one
+    That is: a recording is on both sides, a test window is byte for byte a training window (one
     measurement under two ids), or a test window is synthetic.
     """
     if test.synthetic.any():
+        name = test.recording_id[test.synthetic][0]
+        raise LeakError(f"{name} is synthetic; a test set holds measured windows only.")
+
+    shared = find_copies(train.recordings, test.recordings)
+    if shared:
         raise LeakError(
-            f"{test.recording_id[test.synthetic][0]} is synthetic; a test set holds measured windows only."
+            f"{describe_copies(shared)} is in training and in test. Split by recording, and keep "
+            "one of two copies."
         )
-    if shared := find_copies(train.recordings, test.recordings):
-        raise LeakError(
-            f"{describe_copies(shared)} stands in training and in test; split by recording, and keep one of two copies."
-        )
-    trained = {
+
+    name_by_content = {
         window.tobytes(): name
         for window, name in zip(train.signal, train.recording_id, strict=True)
     }
     for window, name in zip(test.signal, test.recording_id, strict=True):
-        twin = trained.get(window.tobytes())
-        if twin is not None:
+        original = name_by_content.get(window.tobytes())
+        if original is not None:
             raise LeakError(
-                f"test recording {name} holds a window of training recording {twin}; one copies the other."
+                f"The test recording {name} holds a window of the training recording {original}; "
+                "one is a copy of the other. Keep one of them."
             )
 
 
 def _require_two_groups(
-    windows: WindowSet, groups: Shaped[np.ndarray, " window"], group: str
+    windows: WindowSet, groups: Shaped[np.ndarray, " window"], group_description: str
 ) -> None:
     for index, name in enumerate(windows.classes):
         count = np.unique(groups[windows.target == index]).size
         if count < 2:
             raise DataError(
-                f"class {name} has windows of {count} {group}, and needs 2 to stand in training and in test; record "
-                "another, or name the recordings of the test."
+                f"The class {name} has windows of {count} {group_description}, and needs 2 to be "
+                "in training and in test. Record another, or name the recordings of the test."
             )
 
 
@@ -176,11 +207,12 @@ def group_folds(
     n_folds: int = 5,
     seed: int = 0,
 ) -> tuple[Fold, ...]:
-    """Pairs (indices to train on, indices to test on) that share no group, and so no recording,
-    with classes alike in each (scikit-learn's `StratifiedGroupKFold`).
+    """Return folds that share no group, and so no recording, with similar classes in each.
 
-    Windows may overlap: overlapping ones are of one recording, so they stay on one side.
-    `without_overlap` thins a test set, where overlapping windows would count one moment twice.
+    Each fold is a pair (indices to train on, indices to test on), dealt by scikit-learn's
+    `StratifiedGroupKFold`. Windows may overlap: overlapping ones are of one recording, so they stay
+    on one side. `without_overlap` thins a test set, in which overlapping windows would count one
+    moment twice.
 
     Parameters
     ----------
@@ -200,38 +232,54 @@ def group_folds(
     """
     windows.require_labels("a split by class")
     require_measured(windows)
-    groups, name = window_groups(windows, group), group if isinstance(group, str) else "group"
-    count = np.unique(groups).size
-    if not 2 <= n_folds <= count:
-        raise InputError(f"n_folds ({n_folds}) must be 2 to {count}, the number of {name}s.")
+    groups = window_groups(windows, group)
+    group_name = group if isinstance(group, str) else "group"
+    n_groups = np.unique(groups).size
+    if not 2 <= n_folds <= n_groups:
+        raise InputError(
+            f"n_folds ({n_folds}) must be 2 to {n_groups}, the number of {group_name}s."
+        )
+
+    # Imported here, because a diagnosis needs no folds and the import takes longer than one.
     from sklearn.model_selection import StratifiedGroupKFold
 
     splitter = StratifiedGroupKFold(n_splits=n_folds, shuffle=True, random_state=seed)
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", UserWarning
-        )  # a class of fewer groups than folds is dealt as far as it goes
+        # It warns of a class with fewer groups than folds; `_require_all_classes` decides.
+        warnings.simplefilter("ignore", UserWarning)
         try:
             folds = tuple(splitter.split(np.zeros(len(windows)), windows.target, groups))
         except ValueError as cause:
-            raise InputError(f"{count} {name}(s) cannot be dealt so: {cause}") from cause
+            raise InputError(
+                f"{n_groups} {group_name}(s) cannot be dealt into {n_folds} folds: {cause}"
+            ) from cause
+
     for trained, tested in folds:
-        present = np.bincount(windows.target[trained], minlength=len(windows.classes))
-        if not present.all():
-            names = ", ".join(np.unique(groups[tested]).tolist()[:3])
-            raise DataError(
-                f"with {names} held out nothing of class {windows.classes[int(present.argmin())]} is left to train on; "
-                "take fewer folds, another group, or record the class in more groups."
-            )
+        _require_all_classes(windows, trained, np.unique(groups[tested]).tolist())
     return folds
 
 
+def _require_all_classes(
+    windows: WindowSet, trained: Int[np.ndarray, " _trained"], held_out_groups: list[str]
+) -> None:
+    counts = np.bincount(windows.target[trained], minlength=len(windows.classes))
+    if not counts.all():
+        names = ", ".join(held_out_groups[:3])
+        raise DataError(
+            f"With {names} held out, nothing of the class {windows.classes[int(counts.argmin())]} "
+            "is left to train on. Use fewer folds or another group, or record the class in more "
+            "groups."
+        )
+
+
 def without_overlap(windows: WindowSet) -> WindowSet:
-    """The windows of each recording that begin no sooner than the one kept before them ends."""
-    indices, ends = [], dict[str, int]()
-    for index in np.lexsort((windows.start, windows.recording_id)):
-        name, start = str(windows.recording_id[index]), int(windows.start[index])
-        if start >= ends.get(name, start):
-            indices.append(int(index))
-            ends[name] = start + windows.length
-    return windows.subset(np.array(sorted(indices), dtype=np.int64))
+    """Return windows of each recording that do not overlap: the first, then each next free one."""
+    rows: list[int] = []
+    end_by_recording: dict[str, int] = {}
+    for row in np.lexsort((windows.start, windows.recording_id)):
+        name = str(windows.recording_id[row])
+        start = int(windows.start[row])
+        if start >= end_by_recording.get(name, start):
+            rows.append(int(row))
+            end_by_recording[name] = start + windows.length
+    return windows.subset(np.array(sorted(rows), dtype=np.int64))

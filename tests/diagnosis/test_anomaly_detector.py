@@ -299,7 +299,7 @@ def test_a_fault_and_a_copy_among_the_healthy_recordings_are_noticed(
 
 
 def test_another_rate_is_refused_with_what_to_do(detector: st.AnomalyDetector) -> None:
-    with pytest.raises(DataError, match='add --resample "2000 Hz"'):
+    with pytest.raises(DataError, match="set resample='2000 Hz'"):
         detector.diagnose(replace(recording("new"), sample_rate=1000.0))
 
 

@@ -231,7 +231,7 @@ def test_every_class_has_checks_and_the_unknown_has_those_of_any_fault() -> None
     ("change", "words"),
     [
         (lambda x: x + 5, "Channel base_x has an offset of"),
-        (lambda x: x[[0, 0]], "Channel cover_z follows another one (correlation 1.000"),
+        (lambda x: x[[0, 0]], "Channel cover_z follows another channel (correlation 1.000"),
         (lambda x: 8 * x, "The gain of channel base_x looks 18 dB higher"),
     ],
 )

@@ -13,7 +13,6 @@ from sklearn.utils.estimator_checks import check_estimator
 
 from swashtwin import presets
 from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier, diagnose
-from swashtwin.diagnosis.training_windows import checked_settings
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import (
     PAPER_TRAINING,
@@ -84,18 +83,18 @@ def test_the_checks_of_scikit_learn_pass():
 
 
 def test_the_defaults_are_the_recommended_training_and_the_preset_is_the_papers():
-    assert checked_settings(FaultClassifier("band_powers")) == RECOMMENDED_TRAINING
+    assert FaultClassifier("band_powers").make_training_settings() == RECOMMENDED_TRAINING
     assert (
         FaultClassifier(**presets.recommended.classifier).get_params()
         == FaultClassifier().get_params()
     )
     paper = FaultClassifier(**presets.paper.classifier)
-    assert (paper.network, checked_settings(paper)) == ("bitcn", PAPER_TRAINING)
+    assert (paper.network, paper.make_training_settings()) == ("bitcn", PAPER_TRAINING)
 
 
 def test_it_trains_as_fit_does_bit_for_bit_and_clones_to_the_same_bits(classifier):
     windows = cut_windows(recordings("train"), length=128)
-    settings = checked_settings(classifier)
+    settings = classifier.make_training_settings()
     fitted = fit(BandPowerNetwork(1, 2), windows, settings=settings)
     new = cut_windows(recordings("new"), length=128)
     np.testing.assert_array_equal(classifier.predict_proba(new), fitted.predict_proba(new))
@@ -160,22 +159,22 @@ def test_a_label_of_another_language_is_mapped_to_its_fault_and_asked_about_with
     sets = [synthetic_windows("normal"), synthetic_windows("piston")]
     classifier = FaultClassifier("band_powers", window=128, epochs=1).fit(train, synthetic=sets)
     assert classifier.classes_.tolist() == ["Gut", "Kolbenverschleiss", "piston"]
-    assert '--fault-of "Kolbenverschleiss=piston"' in classifier.notes_[0]
+    assert "'Kolbenverschleiss' stands for 'piston'" in classifier.notes_[0]
     only_healthy = classifier.fit(train[:3], synthetic=sets)
-    assert not any("--fault-of" in note for note in only_healthy.notes_)
+    assert not any("stands for" in note for note in only_healthy.notes_)
     mapped = FaultClassifier(
         "band_powers", window=128, epochs=1, fault_of={"Kolbenverschleiss": "piston"}
     )
     mapped.fit(train, synthetic=sets)
     assert mapped.classes_.tolist() == ["Gut", "Kolbenverschleiss"]
-    assert not any("--fault-of" in note for note in mapped.notes_)
+    assert not any("stands for" in note for note in mapped.notes_)
     assert mapped.diagnose(recordings("new")[0]).fault_of == {"Kolbenverschleiss": "piston"}
     like = [
         replace(item, classes=(*item.classes, "Kolbenverschleiss"), target=item.target)
         for item in sets
     ]
     assert mapped.fit(train, synthetic=like).classes_.tolist() == ["Gut", "Kolbenverschleiss"]
-    with pytest.raises(InputError, match="no recording is of the class 'Kolben'"):
+    with pytest.raises(InputError, match="No recording is of the class 'Kolben'"):
         FaultClassifier("band_powers", window=128, fault_of={"Kolben": "piston"}).fit(
             train, synthetic=sets
         )
@@ -272,9 +271,9 @@ def test_data_that_do_not_belong_are_refused(classifier):
         FaultClassifier(**SMALL).fit(recordings("train"), groups=["a"] * 6)
     with pytest.raises(InputError, match="y has 1 labels for 6 recordings"):
         FaultClassifier(**SMALL).fit(recordings("train"), ["normal"])
-    with pytest.raises(InputError, match=r"y.0. .None. is no class"):
+    with pytest.raises(InputError, match=r"y.0. .None. is not a class"):
         FaultClassifier(**SMALL).fit(recordings("train"), [None] * 6)
-    with pytest.raises(InputError, match="classes is the one text 'normal'"):
+    with pytest.raises(InputError, match="classes is the text 'normal'"):
         FaultClassifier(**SMALL).fit(recordings("train"), classes="normal")
     with pytest.raises(InputError, match="give synthetic windows as synthetic="):
         FaultClassifier(**SMALL).fit(recordings("train"), synthetic_windows("normal"))
@@ -307,6 +306,6 @@ def test_what_is_no_recording_is_refused_in_a_sentence(classifier: FaultClassifi
         prior.evaluate,
     ):
         with pytest.raises(
-            InputError, match=r"is no recording|recordings are expected|than recordings"
+            InputError, match=r"is not a recording|recordings are expected|than recordings"
         ):
             ask(thing)

@@ -353,7 +353,7 @@ def test_a_fault_that_was_never_trained_is_unknown_and_named(tmp_path: Path) -> 
     new = recording("piston", 20)
     answer = loaded.diagnose(new)
     assert answer.unknown
-    assert "resembles piston, which was never trained" in answer.sentence()
+    assert "resembles piston, which was not trained" in answer.sentence()
     assert answer.to_dict() == classifier.diagnose(new).to_dict()
     known = loaded.diagnose(recording("cylinder_block", 20))
     assert not any("resembles" in reason for reason in known.reasons)
@@ -368,18 +368,18 @@ def test_a_machine_that_the_prior_never_heard_is_compared_with_its_own_healthy_r
         replace(recording("piston", 21), specimen="B"),
     )
     assert (
-        "was not asked of faults that were never trained"
-        in resemblance.joined(answer, new).notes[-1]
+        "was not asked for faults that were not trained"
+        in resemblance.extend_diagnosis(answer, new).notes[-1]
     )
     told = resemblance.with_healthy([replace(item, specimen="B") for item in healthy()])
-    assert "resembles piston" in told.joined(answer, new).reasons[0]
+    assert "resembles piston" in told.extend_diagnosis(answer, new).reasons[0]
     doubtful = replace(answer, unknown=False, p_value=0.6, prediction_set=("normal", "valve_plate"))
-    near = told.joined(doubtful, new)
-    assert near.is_near
-    assert near.sentence().startswith("Unknown: It resembles piston, which was never trained")
+    near = told.extend_diagnosis(doubtful, new)
+    assert near.is_prior_unknown
+    assert near.sentence().startswith("Unknown: It resembles piston, which was not trained")
     label = str(answer.label)
     sure = replace(doubtful, prediction_set=(label,), probabilities={label: 0.9})
-    assert not told.joined(sure, new).unknown  # a classifier that is sure is believed
+    assert not told.extend_diagnosis(sure, new).unknown  # a classifier that is sure is believed
     with pytest.raises(DataError, match="is no healthy recording"):
         resemblance.with_healthy([new])
 
@@ -393,7 +393,9 @@ def test_a_prior_without_a_use_is_refused_or_said() -> None:
     ]
     few = informed(validation_fraction=0.0, error_rate=None)
     assert any("needs 9" in note for note in few.fit([*healthy(2), *heard()[6:9]]).notes_)
-    with pytest.raises(InputError, match=r"and no riss, .* --fault-of \"riss=piston\""):
+    with pytest.raises(
+        InputError, match=r"does not know the class 'riss', .* fault_of='riss=piston'"
+    ):
         few.fit(
             [
                 replace(item, label="riss") if item.label == "valve_plate" else item

@@ -130,12 +130,12 @@ def test_own_healthy_recordings_name_a_new_machine_and_the_answer_says_what_they
     assert choice.head_recalls["with baseline"] > choice.head_recalls["without baseline"]
     new, healthy = machine("G"), [item.replace(label=None) for item in machine("G")[:3]]
     without = [classifier.diagnose(item) for item in new]
-    assert all(any("give some (--healthy)" in text for text in answer.notes) for answer in without)
+    assert all(any("Pass some as healthy" in text for text in answer.notes) for answer in without)
     compared = classifier.with_healthy(healthy)
     answers = [compared.diagnose(item) for item in new]
     assert [answer.label for answer in answers] == [item.label for item in new]
     assert classifier.diagnose(new[4], healthy=healthy).to_dict() == answers[4].to_dict()
-    assert not any("--healthy" in text for answer in answers for text in answer.notes)
+    assert not any("as healthy" in text for answer in answers for text in answer.notes)
     loaded = FaultClassifier.load(compared.save(tmp_path / "model.safetensors"))
     assert loaded.diagnose(new[4]).to_dict() == answers[4].to_dict()
 
@@ -143,7 +143,7 @@ def test_own_healthy_recordings_name_a_new_machine_and_the_answer_says_what_they
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
-        ({"specimen": None}, InputError, "states no machine"),
+        ({"specimen": None}, InputError, "does not specify its machine"),
         ({"label": "piston"}, InputError, "is labeled piston"),
         ({"specimen": "H"}, DataError, "is the only healthy recording of H"),
         ({"sample_rate": 8192.0}, DataError, "does not fit the model"),
@@ -156,7 +156,7 @@ def test_what_is_no_healthy_recording_is_refused(classifier, change, error, word
 
 def test_a_named_network_compares_with_nothing() -> None:
     named = FaultClassifier("band_powers", window=2048).fit(machine("A"))
-    with pytest.raises(InputError, match="compares with no healthy recordings"):
+    with pytest.raises(InputError, match="does not compare with healthy recordings"):
         named.with_healthy(machine("G")[:2])
 
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swashtwin.diagnosis.reasons import reasons_of
+from swashtwin.diagnosis.reasons import describe_deviations
 from swashtwin.foundation import MPa, rpm
 from swashtwin.learning import (
     TrainingReference,
@@ -175,7 +175,7 @@ def classifier() -> SimpleNamespace:
 
 def reasons(classifier: SimpleNamespace, **changes) -> tuple[str, ...]:
     new = windows(recording("E9", **changes))
-    return reasons_of(classifier, new.condition(0), signal_facts(new).mean(axis=0))
+    return describe_deviations(classifier, new.condition(0), signal_facts(new).mean(axis=0))
 
 
 @pytest.mark.wrong_types
@@ -194,9 +194,11 @@ def reasons(classifier: SimpleNamespace, **changes) -> tuple[str, ...]:
         ({"gain": (1e-4, 1.0)}, ["Channel case_x is nearly silent: its level is"]),
         (
             {"swapped": True},
-            ["Channels case_x and case_y look swapped: the spectrum of each is like the other's"],
+            [
+                "Channels case_x and case_y look swapped: the spectrum of each resembles that of the other"
+            ],
         ),
-        ({"speed": 1500}, ["Speed 1500 rev/min was never trained .860 rev/min were."]),
+        ({"speed": 1500}, ["Speed 1500 rev/min was not trained .trained: 860 rev/min"]),
     ],
 )
 def test_each_cause_has_its_sentence_and_nothing_else_is_said(classifier, changes, words):
@@ -226,8 +228,8 @@ def test_more_noise_is_said_in_decibels_above_the_training_for_each_channel(clas
     ]
     assert len(floors) == 2
     for sentence in floors:
-        assert " dB above the training's (" in sentence
-        assert "dB re 1 (m/s^2)²/Hz; the training had" in sentence
+        assert " dB above the training's range (" in sentence
+        assert "dB re 1 (m/s^2)²/Hz; training: " in sentence
     assert any("strongest lines of channel case_x hold" in sentence for sentence in sentences)
 
 

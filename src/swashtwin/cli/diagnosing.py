@@ -214,7 +214,12 @@ def _row(verdict: "Diagnosis") -> tuple[object, ...]:
     """
     if verdict.kind == "detector":
         answer = {True: "ALARM", False: "no alarm", None: "no verdict"}[verdict.alarm]
-        return verdict.recording_id, answer, verdict.p_value, verdict.moved if verdict.alarm else ""
+        return (
+            verdict.recording_id,
+            answer,
+            verdict.p_value,
+            verdict.largest_changes if verdict.alarm else "",
+        )
     if verdict.label is None or verdict.unknown:
         return (
             verdict.recording_id,

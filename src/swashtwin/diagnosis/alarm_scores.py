@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from swashtwin.diagnosis.recording_arguments import relabeled, require_recordings
+from swashtwin.diagnosis.recording_arguments import relabel_recordings, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, LeakError, to_table
 from swashtwin.pump import is_healthy, is_same_class
@@ -77,7 +77,7 @@ def evaluate_alarms(
 
     from swashtwin.learning import wilson_interval
 
-    recordings = relabeled(require_recordings(X), y)
+    recordings = relabel_recordings(require_recordings(X), y)
     labeled = [
         recording
         for recording in recordings

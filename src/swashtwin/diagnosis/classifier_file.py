@@ -1,6 +1,4 @@
-"""Saved models of every kind, and a classifier as an artifact: a card of its dataclasses, with its
-weights beside.
-"""
+"""A fitted classifier as a file: an artifact whose card names the network and holds its weights."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -34,20 +32,27 @@ from swashtwin.learning import (
 )
 from swashtwin.recordings import Manifest
 
-KIND, _VERSION = "classifier", 9
+KIND = "classifier"
+"""Kind of the artifact."""
+_VERSION = 9
 _MAY_BE_NAN = (
-    "training_reference.condition", "recordings.healthy.condition",
-    *(f"resemblance.prior.{name}" for name in ("band_powers", "point_speed", "point_pressure")),
-)  # fmt: skip
-_USUAL_SIZE, _MOST_LAYERS = 1 << 16, 256
-"""A setting of a network may be as large as this, or as its weights or the window are; and lists as
-long.
-"""
+    "training_reference.condition",
+    "recordings.healthy.condition",
+    "resemblance.prior.band_powers",
+    "resemblance.prior.point_speed",
+    "resemblance.prior.point_pressure",
+)
+_MIN_SETTING_LIMIT = 1 << 16
+"""Values that a network's setting may always have, whatever the size of its weights."""
+_MAX_LIST_ENTRIES = 256
+"""Entries of a list among a network's settings, such as one for each layer."""
+_MAX_NAME_CHARACTERS = 60
+"""Length of text from the file in a message."""
 
 
 @dataclass(frozen=True)
 class _Network:
-    """What builds a network again."""
+    """Name, settings and weights from which a network is built again."""
 
     name: str
     settings: dict[str, Any]
@@ -56,7 +61,7 @@ class _Network:
 
 @dataclass(frozen=True, eq=False)
 class _Card:
-    """A `FittedClassifier`, its network by name."""
+    """A `FittedClassifier` with its network by name."""
 
     network: _Network
     classes: tuple[str, ...]
@@ -77,81 +82,100 @@ class _Card:
     resemblance: Resemblance | None
 
     def __post_init__(self) -> None:
-        n_channels, n_classes = len(self.layout.channels), len(self.classes)
+        n_channels = len(self.layout.channels)
+        n_classes = len(self.classes)
+
         if not n_classes or len(set(self.classes)) < n_classes:
-            raise ValueError("its classes are none, or one of them twice")
+            raise ValueError("it has no classes, or a class twice")
         if self.layout.length < 2 or not self.layout.sample_rate > 0 or not n_channels:
             raise ValueError(
-                "its windows have a length below 2, no positive sample rate, or no channel"
+                "its windows are shorter than 2 samples, or have no positive sample rate, or no "
+                "channel"
             )
-        sizes = self.network.settings.get("n_channels"), self.network.settings.get("n_classes")
-        if sizes != (n_channels, n_classes) or bool in map(type, sizes):
+
+        network_sizes = [self.network.settings.get(key) for key in ("n_channels", "n_classes")]
+        # True equals 1, so a Boolean would pass the comparison.
+        has_bool = any(isinstance(size, bool) for size in network_sizes)
+        if network_sizes != [n_channels, n_classes] or has_bool:
             raise ValueError(
                 f"its network is not for {n_channels} channel(s) and {n_classes} classes"
             )
-        if not self.normalization.mean.shape == self.normalization.deviation.shape == (n_channels,):
+
+        shapes = {self.normalization.mean.shape, self.normalization.deviation.shape}
+        if shapes != {(n_channels,)}:
             raise ValueError(
-                f"its normalization has not one value for each of {n_channels} channel(s)"
+                f"its normalization does not have one value for each of {n_channels} channel(s)"
             )
-        if self.training_reference is not None and self.training_reference.facts.shape[1:] != (
-            n_channels,
-            N_FACTS,
-        ):
+
+        reference = self.training_reference
+        if reference is not None and reference.facts.shape[1:] != (n_channels, N_FACTS):
             raise ValueError("its training reference has other channels or facts")
+
         for confidence in (self.confidence, self.baseline_confidence):
-            if (
-                confidence
-                and not ((confidence.target >= 0) & (confidence.target < n_classes)).all()
-            ):
-                raise ValueError("confidence.target holds no indexes of the classes")
+            if confidence is not None:
+                target = confidence.target
+                if not ((target >= 0) & (target < n_classes)).all():
+                    raise ValueError("confidence.target holds indices that are not of a class")
+
         if self.recordings is not None:
             self.recordings.require_sizes(n_channels, n_classes)
 
 
-_SAME = tuple(item.name for item in fields(_Card) if item.name not in ("network", "resemblance"))
+_SHARED_FIELDS = tuple(
+    field.name for field in fields(_Card) if field.name not in ("network", "resemblance")
+)
+"""Fields that a `FittedClassifier` and its card have in common."""
 
 
 def save_classifier(
     classifier: FittedClassifier, path: Path | str, resemblance: Resemblance | None = None
 ) -> Path:
-    """`path`, after the classifier was written to it whole, with what a prior says of faults it was
-    not trained on.
+    """Write a classifier to `path` as a complete file and return the path.
+
+    Parameters
+    ----------
+    resemblance : the pump prior for faults that the classifier was not trained on.
 
     Raises
     ------
     ArtifactError
-        The network is not registered, so that nobody could build it again from the file; or a
+        The network is not registered, so that it could not be built again from the file; or a
         weight is not finite.
     """
     network = classifier.network
     if network.name not in NETWORKS or network_class(network.name) is not type(network):
         raise ArtifactError(
-            f"the network {type(network).__name__} is not registered, so its file could not be loaded; register it "
-            "first."
+            f"The network {type(network).__name__} is not registered, so its file could not be "
+            "loaded; register it first."
         )
-    named = _Network(network.name, network.settings, network.weights)
+
+    shared = {name: getattr(classifier, name) for name in _SHARED_FIELDS}
     card = _Card(
-        named, **{name: getattr(classifier, name) for name in _SAME}, resemblance=resemblance
+        _Network(network.name, network.settings, network.weights),
+        resemblance=resemblance,
+        **shared,
     )
     return save_artifact(path, KIND, _VERSION, card, may_be_nan=_MAY_BE_NAN)
 
 
 def load_classifier(path: Path | str) -> FittedClassifier:
-    """The classifier that `save_classifier` wrote, on the CPU; its predictions are those of the one
-    saved.
+    """Return the classifier that `save_classifier` wrote, on the CPU, with the same predictions.
 
-    Errors: `load_model`.
+    Errors: see `load_model`.
     """
-    return load_both(path)[0]
+    classifier, _ = load_classifier_and_prior(path)
+    return classifier
 
 
-def load_both(path: Path | str) -> tuple[FittedClassifier, Resemblance | None]:
-    """(the classifier, what a prior says of faults that it was not trained on); errors:
-    `load_classifier`.
+def load_classifier_and_prior(path: Path | str) -> tuple[FittedClassifier, Resemblance | None]:
+    """Return the classifier and the pump prior that `save_classifier` wrote.
+
+    Errors: see `load_model`.
     """
     advice = "swashtwin train, or its method save, writes a classifier"
     card = load_artifact(path, _Card, KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
-    name = card.network.name[:60]
+    name = card.network.name[:_MAX_NAME_CHARACTERS]
+
     with translate_load_errors(path, KIND):
         try:
             network_class(name)
@@ -160,27 +184,30 @@ def load_both(path: Path | str) -> tuple[FittedClassifier, Resemblance | None]:
                 f"{path} has the network {name!r}, which is not registered here; register the same "
                 "network before loading."
             ) from cause
-        _require_size(card.network, card.layout.length)
+        _require_plausible_settings(card.network, card.layout.length)
         network = rebuild_network(name, card.network.settings, card.network.weights)
-        return FittedClassifier(
-            network, **{name: getattr(card, name) for name in _SAME}
-        ), card.resemblance
+        shared = {name: getattr(card, name) for name in _SHARED_FIELDS}
+        return FittedClassifier(network, **shared), card.resemblance
 
 
-def _require_size(network: _Network, length: int) -> None:
-    """Refuse settings that ask for other weights than the file holds, before memory is taken for
-    them.
+def _require_plausible_settings(network: _Network, window_length: int) -> None:
+    """Raise a `ValueError` if settings require more weights than the file holds.
+
+    An edited file could otherwise make the network take all memory before its weights are compared.
     """
-    weights = network.weights
-    most = max(_USUAL_SIZE, length, sum(array.size for array in weights.values()))
-    for name, value in network.settings.items():
+    n_weights = sum(array.size for array in network.weights.values())
+    limit = max(_MIN_SETTING_LIMIT, window_length, n_weights)
+
+    for full_name, value in network.settings.items():
+        name = full_name[:_MAX_NAME_CHARACTERS]
         entries = value if isinstance(value, list) else [value]
-        if len(entries) > _MOST_LAYERS:
-            raise ValueError(f"the network's {name[:60]} has {len(entries)} entries")
+        if len(entries) > _MAX_LIST_ENTRIES:
+            raise ValueError(f"the network's {name} has {len(entries)} entries")
+
         for entry in entries:
             if not isinstance(entry, (int, float, str)) and entry is not None:
-                raise ValueError(f"the network's {name[:60]} is neither a number nor a text")
-            if isinstance(entry, (int, float)) and abs(entry) > most:
+                raise ValueError(f"the network's {name} is neither a number nor text")
+            if isinstance(entry, (int, float)) and abs(entry) > limit:
                 raise ValueError(
-                    f"the network's {name[:60]} is {entry:.6g}, and the file holds {most} values at most"
+                    f"the network's {name} is {entry:.6g}, but the file holds at most {limit} values"
                 )

@@ -1,4 +1,4 @@
-"""What scikit-learn asks of an estimator, without its import."""
+"""The conventions of scikit-learn's estimators, without importing scikit-learn."""
 
 import inspect
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from typing import Any, get_args, get_origin
 
 from swashtwin.foundation import InputError
 
-_KINDS = {
+_ACCEPTED_TYPES = {
     int: (Integral, "a whole number"),
     float: (Real, "a number"),
     str: (str, "text"),
@@ -17,57 +17,73 @@ _KINDS = {
     Mapping: (Mapping, "a mapping by name"),
     NoneType: (NoneType, "None"),
 }
-"""What each annotation of a parameter takes, and in words."""
+"""Type that an annotation accepts, so that NumPy's numbers pass, and its description."""
 
 
 class Estimator:
-    """Parameters of the constructor by name, and whether it is trained, which is when it has
-    ``fitted_``.
+    """Base of classes whose constructor only stores parameters, and which are trained by `fit`.
+
+    A trained estimator has the attribute ``fitted_``.
     """
 
     @classmethod
     @cache
     def _defaults(cls) -> dict[str, Any]:
-        """Default of each parameter of the constructor."""
-        items = inspect.signature(cls.__init__).parameters.values()
-        return {item.name: item.default for item in items if item.name != "self"}
+        """Return the default of each parameter of the constructor."""
+        parameters = inspect.signature(cls.__init__).parameters.values()
+        return {
+            parameter.name: parameter.default
+            for parameter in parameters
+            if parameter.name != "self"
+        }
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Parameters of the constructor by name."""
+        """Return the parameters of the constructor by name."""
         return {name: getattr(self, name) for name in self._defaults()}
 
     def set_params(self, **parameters: Any) -> "Estimator":
-        """The same classifier with other parameters."""
+        """Change parameters of the constructor and return the estimator."""
         for name, value in parameters.items():
             if name not in self._defaults():
                 raise ValueError(
-                    f"{type(self).__name__} has no parameter {name!r}; it has {', '.join(self._defaults())}."
+                    f"{type(self).__name__} has no parameter {name!r}; it has "
+                    f"{', '.join(self._defaults())}."
                 )
             setattr(self, name, value)
         return self
 
     def _require_parameters(self) -> None:
-        """Refuse a parameter that is nothing of what its annotation says with an `InputError`."""
+        """Raise an `InputError` if a parameter does not have a type of its annotation."""
+        signature = inspect.signature(type(self).__init__)
         for name, value in self.get_params().items():
-            stated = inspect.signature(type(self).__init__).parameters[name].annotation
-            options = get_args(stated) if isinstance(stated, UnionType) else (stated,)
-            types = [get_origin(option) or option for option in options]
-            kinds = [
-                _KINDS.get(kind, (kind, f"a {getattr(kind, '__name__', kind)}")) for kind in types
-            ]
-            if not any(
-                isinstance(value, kind) and (kind is bool or value is not True) for kind, _ in kinds
-            ):
-                words = " or ".join(word for _, word in kinds)
-                raise InputError(f"{name} ({value!r}) must be {words}.", field=name)
+            annotation = signature.parameters[name].annotation
+            is_union = isinstance(annotation, UnionType)
+            options = get_args(annotation) if is_union else (annotation,)
+
+            descriptions = []
+            is_valid = False
+            for option in options:
+                option_type = get_origin(option) or option
+                default = (option_type, f"a {getattr(option_type, '__name__', option_type)}")
+                accepted_type, description = _ACCEPTED_TYPES.get(option_type, default)
+                descriptions.append(description)
+
+                # True is an instance of Integral, but a slip if a number is expected.
+                is_slip = value is True and accepted_type is not bool
+                is_valid |= isinstance(value, accepted_type) and not is_slip
+
+            if not is_valid:
+                raise InputError(
+                    f"{name} ({value!r}) must be {' or '.join(descriptions)}.", field=name
+                )
 
     def __repr__(self) -> str:
-        other = (
+        changes = (
             f"{name}={value!r}"
             for name, value in self.get_params().items()
             if value != self._defaults()[name]
         )
-        return f"{type(self).__name__}({', '.join(other)})"
+        return f"{type(self).__name__}({', '.join(changes)})"
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "fitted_")
@@ -78,9 +94,8 @@ class Estimator:
         return Tags(
             estimator_type="classifier",
             target_tags=TargetTags(required=True),
-            classifier_tags=ClassifierTags(
-                poor_score=True
-            ),  # a table of a few columns is no vibration
+            # scikit-learn's checks score on tables of a few columns, which are not vibration.
+            classifier_tags=ClassifierTags(poor_score=True),
             input_tags=InputTags(three_d_array=True),
         )
 
@@ -88,4 +103,4 @@ class Estimator:
         if not hasattr(self, "fitted_"):
             from sklearn.exceptions import NotFittedError
 
-            raise NotFittedError(f"this {type(self).__name__} is not trained yet; call fit first.")
+            raise NotFittedError(f"This {type(self).__name__} is not trained yet; call fit first.")

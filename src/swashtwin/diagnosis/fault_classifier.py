@@ -1,53 +1,59 @@
-"""`FaultClassifier`: from recordings, windows or arrays to classes, by scikit-learn's
-conventions.
-"""
+"""`FaultClassifier`: from recordings, windows or arrays to classes, an estimator of scikit-learn."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+# Through the room, whose door imports a training function only when it is called.
 import swashtwin.learning as learning
-from swashtwin.diagnosis.classifier_file import load_both, save_classifier
+from swashtwin.diagnosis.classifier_file import load_classifier_and_prior, save_classifier
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.reasons import describe_single_machine_faults
-from swashtwin.diagnosis.recording_arguments import as_recordings, relabeled, require_recordings
-from swashtwin.diagnosis.recording_diagnosis import diagnose, make_known, recording_probability
-from swashtwin.diagnosis.resemblance import NO_CONFIDENCE, find_resemblance
+from swashtwin.diagnosis.recording_arguments import (
+    as_recordings,
+    relabel_recordings,
+    require_recordings,
+)
+from swashtwin.diagnosis.recording_diagnosis import (
+    add_healthy_recordings,
+    diagnose,
+    recording_probability,
+)
+from swashtwin.diagnosis.resemblance import NO_CONFIDENCE_NOTE, find_resemblance
 from swashtwin.diagnosis.training_windows import (
-    checked_settings,
-    classes_of,
-    copy_notes,
-    hold_out_validation,
-    name_alike,
-    network_parameters,
-    refuse_seen,
-    require_none,
-    synthetic_sets,
+    cut_training_windows,
+    list_synthetic_sets,
+    measured_classes,
+    require_array_arguments,
+    unify_class_names,
     windows_of_array,
-    windows_to_train,
-    with_synthetic,
 )
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import RECOMMENDED_TRAINING, FittedClassifier, WindowSet, require_verdicts
-from swashtwin.recordings import Manifest, Recording, join_manifests
+from swashtwin.recordings import Manifest, Recording, recording_groups
 
 Progress = Callable[[str, int, int], None]
+"""Called with the activity, and with how many of how many steps are finished."""
+
+_TRAINING_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
+"""Fields of `TrainingSettings` that are parameters of a `FaultClassifier`."""
+_SIZE_SETTINGS = ("n_channels", "n_classes", "length")
+"""Settings of a network that follow from the windows."""
 
 
 @dataclass(eq=False, repr=False)
 class FaultClassifier(Estimator):
-    """Classifier of pump faults from vibration, an estimator of scikit-learn, which is imported
-    where it is needed.
+    """Classifier of pump faults from vibration, an estimator of scikit-learn.
 
     `fit`, `predict`, `predict_proba` and `score` take recordings, a `WindowSet`, or an array
     ``(window, channel, sample)`` or ``(window, sample)``. Each recording gets one answer, pooled
-    over its windows; else each window does.
+    over its windows; of window sets and arrays, each window gets one.
 
     `score` and `evaluate` raise a `LeakError` for a recording that had a part in the training.
     Cross-validation of arrays needs `groups` (``StratifiedGroupKFold``).
@@ -55,31 +61,32 @@ class FaultClassifier(Estimator):
     Parameters
     ----------
     network : name of a network (`NETWORKS`; `register_network` adds one). By default the training
-        chooses among `CANDIDATES` by trials on inner folds, and learns its confidence from them
+        selects among `CANDIDATES` by trials on inner folds, and learns its confidence from them
         (`fit_best_candidate`).
     window : samples per window and channel that recordings are cut into; a `WindowSet` or an array
-        has its own. By default `default_window` of the recordings, or 2048 for the paper's
+        is cut already. By default `default_window` of the recordings, or 2048 for the paper's
         ``"bitcn"``.
-    stride : samples from one window of a training recording to the next; None lets none overlap.
-    allow_partial_revolution : accept windows shorter than one turn of the shaft.
+    stride : samples from one window of a training recording to the next; None for no overlap.
+    allow_partial_revolution : accept windows shorter than one revolution of the shaft.
     epochs, batch_size, learning_rate, decay, normalization : see `TrainingSettings`; for networks
-    only.
-    training_settings : other fields of `TrainingSettings` by name, such as ``{"noise_snr": 0.0}``.
+        only.
+    training_settings : further fields of `TrainingSettings` by name, such as ``{"noise_snr": 0.0}``.
     network_settings : settings of the network by name, such as ``{"dropout": 0.2}``.
-    test_fraction : share of the windows whose recordings are held out (`held_out_`); 0 trains on
+    test_fraction : share of the windows whose recordings are held out (`held_out_`); 0 to train on
         all.
-    validation_fraction : share of the remaining recordings that calibrate its confidence
-        (`learn_confidence`) instead; 0 for none. A network that is named has no confidence without.
-    group : what both splits keep whole, and confidence is calibrated for: ``"recording"``,
-        ``"specimen"``, ``"condition"``, an attribute of the recordings, or a group by recording id.
+    validation_fraction : share of the remaining recordings that calibrate the confidence
+        (`learn_confidence`); 0 for none. A named network has no confidence without it.
+    group : what both splits keep whole, and what the confidence is calibrated for:
+        ``"recording"``, ``"specimen"``, ``"condition"``, an attribute of the recordings, or a group
+        by recording id.
+    error_rate : target miscoverage of the prediction sets; by default 0.1, or the lowest rate that
+        the recordings allow.
     fault_of : fault that a class of the recordings stands for, such as ``{"Kolbenverschleiss":
         "piston"}``: synthetic windows of that fault are then of this class.
-    prior : pump prior, or the design of a shipped one, for faults that no recording of the training
-        holds: a recording that it takes for one of them is unknown, and the answer says what it
+    prior : pump prior, or the design of a shipped one, for faults that no training recording shows.
+        A recording that it takes for such a fault is unknown, and the answer states what it
         resembles. Needs recordings, healthy ones of each machine among them.
-    error_rate : share of recordings whose prediction set may miss the true class; by default 0.1,
-        or the least that the recordings allow.
-    sample_rate : samples per second [Hz] of arrays; recordings and window sets state their own.
+    sample_rate : samples per second [Hz] of arrays; recordings and window sets specify theirs.
     device : ``"cpu"``, or a GPU such as ``"cuda"``.
     seed : seed of everything random. The same seed, data and machine give the same bits.
 
@@ -88,10 +95,10 @@ class FaultClassifier(Estimator):
     classes_ : classes, in the order of the probabilities.
     fitted_ : the `FittedClassifier`, with its manifest, history, choice and confidence.
     held_out_, validation_ : recordings that were held out to test it, and to calibrate its
-    confidence.
-    n_windows_, n_synthetic_ : windows it was trained on, and how many of them were synthetic.
-    resemblance_ : what the prior says of faults that were not trained; None without `prior`.
-    notes_ : what was otherwise than asked for, or should be known.
+        confidence.
+    n_windows_, n_synthetic_ : number of training windows, and how many of them were synthetic.
+    resemblance_ : the adapted prior for faults that were not trained; None without `prior`.
+    notes_ : deviations from what was requested, and limits of the data, as sentences.
     n_features_in_ : second dimension of the array that it was fitted on; absent after other data.
 
     Examples
@@ -137,139 +144,114 @@ class FaultClassifier(Estimator):
         resume: bool = False,
         progress: Progress | None = None,
     ) -> "FaultClassifier":
-        """The same classifier, trained.
+        """Train the classifier and return it.
 
         Parameters
         ----------
         X : recordings, a window set, or an array.
-        y : class of each recording, or of each window of an array. Without it recordings have their
+        y : class of each recording, or of each window of an array. By default recordings have their
             own labels; a window set always has its own.
         groups : recording of each window of an array.
         synthetic : further training windows that nobody measured (`synthesize`), one set or
             several.
-        classes : class names in the order wanted, of recordings; by default those of synthetic
-            windows, or the labels found, sorted.
-        checkpoint : file that the training of a named network is saved to after each epoch.
+        classes : class names of recordings in their order; by default those of the synthetic
+            windows, or the labels, sorted.
+        checkpoint : file to which the training of a named network is saved after each epoch.
         resume : continue from `checkpoint` if it exists; the result has the same bits as a run
             without interruption.
-        progress : called with (activity, finished, in all).
+        progress : called with the activity, and with how many of how many steps are finished.
 
         Raises
         ------
         InputError
-            A parameter, or data that do not fit together.
+            A parameter is invalid, or data do not fit together.
         DataError
-            A recording is unfit or too short, a label is missing, or a class has no window.
+            A recording cannot be used or is too short, a label is missing, or a class has no
+            window.
         LeakError
             A recording that was held out had a part in synthetic windows.
         """
         self._require_parameters()
-        settings, tell = (
-            checked_settings(self),
-            progress or (lambda activity, finished, total: None),
+        settings = self.make_training_settings()
+        checkpoint = _checkpoint_path(checkpoint, resume)
+        report = progress or _ignore_progress
+        X = list(X) if isinstance(X, Iterator) else X
+
+        synthetic_sets, class_notes = unify_class_names(
+            list_synthetic_sets(synthetic), measured_classes(X, y, classes), self.fault_of or {}
         )
-        checkpoint = None if checkpoint is None else Path(checkpoint)
-        if checkpoint is not None and checkpoint.exists() and not resume:
-            raise InputError(
-                f"{checkpoint} exists; resume it, or delete it to start again.", field="resume"
-            )
-        X, sets = list(X) if isinstance(X, Iterator) else X, synthetic_sets(synthetic)
-        further, unlike = name_alike(sets, classes_of(X, y, classes), self.fault_of or {})
-        manifest = join_manifests([windows.manifest for windows in further])
-        windows, group = self._training_windows(X, y, groups, further, classes)
-        training, held_out = windows, windows.subset(windows.target < -1)
-        if self.test_fraction:
-            training, held_out = learning.split_by_recording(
-                windows, test_fraction=self.test_fraction, seed=self.seed, group=group
-            )
-        training, validation, rate, notes = hold_out_validation(
-            training,
-            group,
-            manifest,
-            fraction=self.validation_fraction,
+        measured, group = self._measured_windows(X, y, groups, synthetic_sets, classes)
+        data = learning.prepare_training_data(
+            measured,
+            synthetic_sets,
+            test_fraction=self.test_fraction,
+            validation_fraction=self.validation_fraction,
+            group=group,
             error_rate=self.error_rate,
             seed=self.seed,
         )
-        refuse_seen(held_out, manifest)
-        training = with_synthetic(training, further)
-        learning.check_disjoint(training, held_out)
-        resemblance, of_prior = None, ""
+
+        resemblance = None
+        prior_note = ""
         if self.prior is not None:
-            resemblance, of_prior = find_resemblance(
-                self.prior, X, y, training, self.fault_of or {}
+            resemblance, prior_note = find_resemblance(
+                self.prior, X, y, data.training, self.fault_of or {}
             )
+
         fitted: FittedClassifier
         if self.network is None:
-            rate_of_folds = None if validation is not None else self.error_rate
-            fitted = learning.fit_best_candidate(
-                training, error_rate=rate_of_folds, seed=self.seed, progress=tell
-            )
+            fitted = self._fit_best_candidate(data, report)
         else:
-            shape = dict(self.network_settings or {}, length=training.length)
-            fitted = learning.fit(
-                learning.build_network(
-                    self.network, training.n_channels, len(training.classes), **shape
-                ),
-                training,
-                settings=settings,
-                seed=self.seed,
-                device=self.device,
-                checkpoint=checkpoint,
-                resume=resume,
-                progress=lambda epoch: tell(
-                    f"training, loss {epoch.loss:.4f}", epoch.number, settings.epochs
-                ),
-            )
-        if validation is not None:
-            fitted = learning.learn_confidence(
-                fitted, validation.with_classes(training.classes), error_rate=rate
-            )
+            fitted = self._fit_network(self.network, data, settings, checkpoint, resume, report)
+        if data.validation is not None:
+            fitted = learning.learn_confidence(fitted, data.validation, error_rate=data.error_rate)
         if resemblance is not None and fitted.confidence is None:
-            resemblance, of_prior = None, NO_CONFIDENCE
+            resemblance = None
+            prior_note = NO_CONFIDENCE_NOTE
+
+        machine_note = ""
+        if as_recordings(X) is not None:
+            machine_note = describe_single_machine_faults(fitted.training_reference)
+
         self.fitted_ = replace(fitted, fault_of=dict(self.fault_of or {}))
         self.resemblance_ = resemblance
-        self.n_windows_, self.n_synthetic_ = len(training), int(training.synthetic.sum())
-        self.held_out_ = tuple(np.unique(held_out.recording_id).tolist())
-        self.validation_ = (
-            () if validation is None else tuple(np.unique(validation.recording_id).tolist())
-        )
-        few = (
-            [describe_single_machine_faults(fitted.training_reference)]
-            if as_recordings(X) is not None
-            else []
-        )
-        self.notes_ = (*notes, *unlike, *copy_notes(windows), *filter(None, (of_prior, *few)))
-        if training.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
-            self.classes_ = np.array(training.classes, dtype=np.str_)
+        self.n_windows_ = len(data.training)
+        self.n_synthetic_ = int(data.training.synthetic.sum())
+        self.held_out_ = data.test_recordings
+        self.validation_ = data.validation_recordings
+        notes = (*data.notes, *class_notes, prior_note, machine_note)
+        self.notes_ = tuple(note for note in notes if note)
+        self._set_classes(data.training.classes)
         return self
 
     def predict_proba(self, X: Any) -> np.ndarray:
-        """Probability of each class, for each recording, or for each window of a window set or an
-        array.
+        """Return the probability of each class, for each recording, or else for each window.
 
         Raises
         ------
         DataError
-            A recording or a window has no verdict, since a number of its answer is not finite;
+            A recording or a window has no verdict, because a number of its answer is not finite;
             `diagnose` gives the reason and leaves the others their verdict.
         """
         self._require_fitted()
-        if (recordings := as_recordings(X)) is not None:
+        recordings = as_recordings(X)
+        if recordings is not None:
             return np.stack(
                 [recording_probability(self.fitted_, recording) for recording in recordings]
             )
-        windows = X if isinstance(X, WindowSet) else self._array_windows(X)
+
+        windows = X if isinstance(X, WindowSet) else self._unlabeled_windows(X)
         probability = np.asarray(self.fitted_.predict_proba(windows))
         require_verdicts(probability, windows.recording_id)
         return probability
 
     def predict(self, X: Any) -> np.ndarray:
-        """Likeliest class of each recording, or of each window of a window set or an array."""
+        """Return the likeliest class of each recording, or else of each window."""
         probability = self.predict_proba(X)
         return np.asarray(self.classes_[probability.argmax(axis=1)])
 
     def score(self, X: Any, y: Any = None, sample_weight: Any = None) -> float:
-        """Share of the recordings, or of the windows, whose class is right.
+        """Return the accuracy on recordings, or on windows.
 
         Raises
         ------
@@ -287,14 +269,13 @@ class FaultClassifier(Estimator):
     def evaluate(
         self, X: Any, y: Any = None, *, split: str | None = None, seed: int = 0
     ) -> "learning.Scores":
-        """All scores on recordings, or on a window set, that had no part in the training.
+        """Return all scores on recordings or windows that had no part in the training.
 
         Parameters
         ----------
         X : recordings with labels, or a window set.
         y : class of each recording; its own label by default.
-        split : split of the test, ``"L0"`` to ``"L5"`` (`SPLITS`); only the
-            caller knows it.
+        split : split of the test, ``"L0"`` to ``"L5"`` (`SPLITS`), which only the caller knows.
         seed : seed of the bootstrap of the interval.
 
         Raises
@@ -302,22 +283,22 @@ class FaultClassifier(Estimator):
         LeakError
             A recording had a part in the training, or a window is synthetic.
         InputError
-            An array, which does not say which recordings it is of; or a class that was not trained.
+            `X` is an array, which does not name its recordings; or a class was not trained.
         """
         self._require_fitted()
         if isinstance(X, WindowSet):
             return learning.evaluate(self.fitted_, X, split=split, seed=seed)
+
         recordings = as_recordings(X)
         if recordings is None:
             raise InputError(
                 "evaluate takes recordings or a window set; an array is scored with score(X, y)."
             )
-        return learning.evaluate(
-            self.fitted_, self.cut_windows(relabeled(recordings, y)), split=split, seed=seed
-        )
+        windows = self.cut_windows(relabel_recordings(recordings, y))
+        return learning.evaluate(self.fitted_, windows, split=split, seed=seed)
 
     def cut_windows(self, recordings: Sequence[Recording]) -> WindowSet:
-        """Windows of recordings as the trained classifier takes them."""
+        """Return recordings as windows that the trained classifier takes."""
         self._require_fitted()
         return self.fitted_.cut_windows(recordings)
 
@@ -334,39 +315,45 @@ class FaultClassifier(Estimator):
         healthy: Iterable[Recording] = (),
         error_rate: float | None = None,
     ) -> Diagnosis:
-        """The class of one recording, how sure that is, and what to doubt; see
-        `swashtwin.diagnosis.diagnose`.
+        """Return the class of one recording, its certainty, and what limits it.
+
+        See `swashtwin.diagnosis.diagnose`.
 
         Parameters
         ----------
-        healthy : as in `with_healthy`, which for many recordings is called once.
+        healthy : as in `with_healthy`, which is called once for many recordings.
         error_rate : of the prediction set and of calling a recording unknown; the classifier's own
             by default.
         """
         self._require_fitted()
-        used = self.with_healthy(healthy) if (healthy := list(healthy)) else self
-        answer = diagnose(used.fitted_, recording, error_rate=error_rate)
-        return answer if used.resemblance_ is None else used.resemblance_.joined(answer, recording)
+        healthy = list(healthy)
+        classifier = self.with_healthy(healthy) if healthy else self
+
+        diagnosis = diagnose(classifier.fitted_, recording, error_rate=error_rate)
+        if classifier.resemblance_ is None:
+            return diagnosis
+        return classifier.resemblance_.extend_diagnosis(diagnosis, recording)
 
     def with_healthy(self, healthy: Iterable[Recording]) -> "FaultClassifier":
-        """A classifier that compares recordings of machines with these healthy ones too (errors:
-        `make_known`).
+        """Return a classifier that also compares with these healthy recordings of machines.
+
+        Errors: see `add_healthy_recordings`.
         """
         self._require_fitted()
-        other = copy(self)
         recordings = require_recordings(healthy)
-        other.fitted_, other.notes_ = make_known(self.fitted_, recordings)
-        try:
-            other.resemblance_ = self.resemblance_ and self.resemblance_.with_healthy(recordings)
-        except DataError as cause:
-            other.notes_ = (
-                *other.notes_,
-                f"The pump prior does not compare with these healthy recordings: {cause}",
-            )
-        return other
+        classifier = copy(self)
+        classifier.fitted_, classifier.notes_ = add_healthy_recordings(self.fitted_, recordings)
+
+        if self.resemblance_ is not None:
+            try:
+                classifier.resemblance_ = self.resemblance_.with_healthy(recordings)
+            except DataError as cause:
+                note = f"The pump prior does not compare with these healthy recordings: {cause}"
+                classifier.notes_ = (*classifier.notes_, note)
+        return classifier
 
     def save(self, path: Path | str) -> Path:
-        """`path`, after the trained network was written to it; classes are saved as text.
+        """Write the trained classifier to `path` and return the path; classes become text.
 
         Raises
         ------
@@ -378,56 +365,197 @@ class FaultClassifier(Estimator):
 
     @classmethod
     def load(cls, path: Path | str) -> "FaultClassifier":
-        """The classifier that `save` wrote; its answers are those of the one saved. Errors:
-        `load_model`.
+        """Return the classifier that `save` wrote, with the same answers.
+
+        Errors: see `load_model`.
         """
-        fitted, resemblance = load_both(path)
+        fitted, resemblance = load_classifier_and_prior(path)
+        was_selected = fitted.choice is not None
+        parameters = {} if was_selected else _network_parameters(fitted)
+
         classifier = cls(
-            **({} if fitted.choice is not None else network_parameters(fitted)),
+            **parameters,
             window=fitted.length,
             fault_of=dict(fitted.fault_of) or None,
             sample_rate=fitted.sample_rate,
             seed=fitted.seed,
         )
-        classifier.fitted_, classifier.resemblance_ = fitted, resemblance
-        classifier.classes_ = np.array(fitted.classes, dtype=np.str_)
+        classifier.fitted_ = fitted
+        classifier.resemblance_ = resemblance
+        classifier._set_classes(fitted.classes)
         return classifier
 
-    def _training_windows(
+    def make_training_settings(self) -> learning.TrainingSettings:
+        """Return the settings of the training that the parameters specify.
+
+        Raises
+        ------
+        InputError
+            A parameter belongs to a network, but none is named; or a setting does not exist.
+        """
+        if self.network is None:
+            network_parameters = (
+                *_TRAINING_PARAMETERS,
+                "training_settings",
+                "network_settings",
+                "device",
+            )
+            for name in network_parameters:
+                if getattr(self, name) != self._defaults()[name]:
+                    raise InputError(
+                        f"{name} belongs to a network.",
+                        field="network",
+                        remedy="Name it, such as {network='bitcn'}.",
+                    )
+
+        parameters = {name: getattr(self, name) for name in _TRAINING_PARAMETERS}
+        further_settings = dict(self.training_settings or {})
+        for name in further_settings:
+            if name not in asdict(RECOMMENDED_TRAINING) or name in parameters:
+                raise InputError(
+                    f"training_settings has no field {name!r}; it takes fields of TrainingSettings "
+                    f"other than {', '.join(parameters)}, which are parameters of FaultClassifier."
+                )
+        return learning.TrainingSettings(**parameters, **further_settings)
+
+    def _measured_windows(
         self,
         X: Any,
         y: Any,
         groups: Any,
-        further: Sequence[WindowSet],
+        synthetic_sets: Sequence[WindowSet],
         classes: Sequence[str] | None,
     ) -> tuple[WindowSet, str | Mapping[str, str]]:
-        """(labeled windows, what a split keeps whole), with `classes_` set where `X` is an
-        array.
-        """
+        """Return labeled windows, and what a split keeps whole."""
         if isinstance(X, WindowSet):
-            require_none(y, groups, "a window set has its own labels and recordings")
+            require_array_arguments(y, groups, "a window set has its own labels and recordings")
             return X, self.group
+
         recordings = as_recordings(X)
         if recordings is None:
-            return self._array_windows(X, y, groups, training=True), self.group
-        require_none(None, groups, "each recording is a group")
-        return windows_to_train(self, relabeled(recordings, y), further, classes)
+            return self._labeled_windows(X, y, groups), self.group
 
-    def _array_windows(
-        self, X: Any, y: Any = None, groups: Any = None, *, training: bool = False
-    ) -> WindowSet:
+        require_array_arguments(None, groups, "each recording is a group")
+        labeled = relabel_recordings(recordings, y)
+        group = self.group
+        if not isinstance(group, Mapping):
+            group = recording_groups(labeled, group)
+        windows = cut_training_windows(
+            labeled,
+            synthetic_sets,
+            network=self.network,
+            length=self.window,
+            stride=self.stride,
+            classes=classes,
+            allow_partial_revolution=self.allow_partial_revolution,
+        )
+        return windows, group
+
+    def _labeled_windows(self, X: Any, y: Any, groups: Any) -> WindowSet:
+        """Return the windows of an array to train on, and set `classes_` by its labels `y`."""
         from sklearn.utils.multiclass import check_classification_targets
         from sklearn.utils.validation import validate_data
 
-        if training:
-            X, y = validate_data(
-                self, X, y, dtype=[np.float32, np.float64], allow_nd=True, ensure_min_samples=2
-            )
-            check_classification_targets(y)
-            self.classes_, target = np.unique(y, return_inverse=True)
-        else:
-            X = validate_data(self, X, dtype=[np.float32, np.float64], allow_nd=True, reset=False)
-            target = np.full(len(X), -1)
-        return windows_of_array(
-            X, target, tuple(map(str, self.classes_)), groups, float(self.sample_rate)
+        X, y = validate_data(
+            self, X, y, dtype=[np.float32, np.float64], allow_nd=True, ensure_min_samples=2
         )
+        check_classification_targets(y)
+        self.classes_, target = np.unique(y, return_inverse=True)
+        return self._array_windows(X, target, groups)
+
+    def _unlabeled_windows(self, X: Any) -> WindowSet:
+        from sklearn.utils.validation import validate_data
+
+        X = validate_data(self, X, dtype=[np.float32, np.float64], allow_nd=True, reset=False)
+        return self._array_windows(X, np.full(len(X), -1), None)
+
+    def _array_windows(self, X: np.ndarray, target: np.ndarray, groups: Any) -> WindowSet:
+        classes = tuple(map(str, self.classes_))
+        return windows_of_array(X, target, classes, groups, float(self.sample_rate))
+
+    def _fit_best_candidate(
+        self, data: learning.TrainingData, report: Progress
+    ) -> FittedClassifier:
+        # A validation set calibrates the confidence in place of the folds.
+        error_rate = self.error_rate if data.validation is None else None
+        return learning.fit_best_candidate(
+            data.training, error_rate=error_rate, seed=self.seed, progress=report
+        )
+
+    def _fit_network(
+        self,
+        name: str,
+        data: learning.TrainingData,
+        settings: learning.TrainingSettings,
+        checkpoint: Path | None,
+        resume: bool,
+        report: Progress,
+    ) -> FittedClassifier:
+        training = data.training
+        network_settings = {**(self.network_settings or {}), "length": training.length}
+        network = learning.build_network(
+            name, training.n_channels, len(training.classes), **network_settings
+        )
+
+        def report_epoch(epoch: learning.Epoch) -> None:
+            report(f"training, loss {epoch.loss:.4f}", epoch.number, settings.epochs)
+
+        return learning.fit(
+            network,
+            training,
+            settings=settings,
+            seed=self.seed,
+            device=self.device,
+            checkpoint=checkpoint,
+            resume=resume,
+            progress=report_epoch,
+        )
+
+    def _set_classes(self, classes: tuple[str, ...]) -> None:
+        """Set `classes_`, unless an array has set the same classes in the type of its labels."""
+        if classes != tuple(str(name) for name in getattr(self, "classes_", ())):
+            self.classes_ = np.array(classes, dtype=np.str_)
+
+
+def _checkpoint_path(checkpoint: Path | str | None, resume: bool) -> Path | None:
+    if checkpoint is None:
+        return None
+    path = Path(checkpoint)
+    if path.exists() and not resume:
+        raise InputError(
+            f"{path} exists.",
+            field="resume",
+            remedy="Set {resume} to continue it, or delete it to start again.",
+        )
+    return path
+
+
+def _ignore_progress(activity: str, n_finished: int, n_steps: int) -> None:
+    pass
+
+
+def _network_parameters(fitted: FittedClassifier) -> dict[str, Any]:
+    """Return the parameters of a `FaultClassifier` that trains such a network."""
+    settings = asdict(fitted.settings)
+    default_settings = asdict(RECOMMENDED_TRAINING)
+    further_settings = {
+        name: settings[name]
+        for name, default in default_settings.items()
+        if name not in _TRAINING_PARAMETERS and settings[name] != default
+    }
+
+    network = fitted.network
+    default_network = learning.default_settings(learning.network_class(network.name))
+    network_settings = {
+        name: value
+        for name, value in network.settings.items()
+        if name not in _SIZE_SETTINGS and value != default_network.get(name)
+    }
+
+    parameters = {name: settings[name] for name in _TRAINING_PARAMETERS}
+    return {
+        "network": network.name,
+        **parameters,
+        "training_settings": further_settings or None,
+        "network_settings": network_settings or None,
+    }

@@ -12,26 +12,30 @@ if TYPE_CHECKING:
 
 
 def load_model(path: Path | str) -> "FaultClassifier | AnomalyDetector | PriorClassifier":
-    """The model in a file, or the shipped prior of a design, such as ``"25scy14-1b"``.
+    """Return the model in a file, or the shipped prior of a design, such as ``"25scy14-1b"``.
 
     Raises
     ------
     MissingFileError
-        There is no such file.
+        The file does not exist.
     InputError
         No prior of this design is shipped.
     ArtifactError
-        The file is damaged, edited, no model, of another version, or its network is not registered.
+        The file is damaged, edited, not a model, of another version, or its network is not
+        registered.
     """
     kind = artifact_kind(as_path(path))
+
     if kind == "anomaly detector":
         from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
 
         return AnomalyDetector.load(path)
+
     if kind == "prior classifier" or not Path(path).suffix:
         from swashtwin.diagnosis.prior_classifier import PriorClassifier
 
         return PriorClassifier.load(path)
+
     from swashtwin.diagnosis.fault_classifier import FaultClassifier
 
     return FaultClassifier.load(path)

@@ -25,7 +25,11 @@ from swashtwin.diagnosis.prior_head import (
     fit_head,
     order_band_powers,
 )
-from swashtwin.diagnosis.recording_arguments import relabeled, require_recording, require_recordings
+from swashtwin.diagnosis.recording_arguments import (
+    relabel_recordings,
+    require_recording,
+    require_recordings,
+)
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import (
     DataError,
@@ -374,7 +378,7 @@ class PriorClassifier:
         """False alarms, alarms and names of faults, on recordings that had no part in it
         (`evaluate_alarms`).
         """
-        recordings = relabeled(require_recordings(X), y)
+        recordings = relabel_recordings(require_recordings(X), y)
         labels = [item.label and (self.class_of(item.label) or item.label) for item in recordings]
         return evaluate_alarms(self.diagnose, self.manifest, recordings, labels, None)
 

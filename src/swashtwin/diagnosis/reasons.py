@@ -1,5 +1,7 @@
-"""What of a recording is outside the training's range, in words: condition, gain, noise floor,
-lines, machine.
+"""Sentences on what of a recording lies outside the range of the training.
+
+They cover the operating point, the gain, noise floor, lines, offset and similarity of channels, and
+the machine.
 """
 
 import math
@@ -19,75 +21,99 @@ from swashtwin.learning import (
 from swashtwin.pump import PRESSURE_TOLERANCE, is_healthy, values_match
 
 _SPEED_TOLERANCE = 0.05
-"""Relative difference up to which a speed was trained at: more than elsewhere, since it only
-decides over a note.
-"""
-_SILENT = 40.0
+"""Relative difference up to which a speed counts as trained. Wider than elsewhere, since it only
+decides whether a reason is given."""
+_SILENT_DB = 40.0
 """Level below the training's from which a channel is called nearly silent [dB]."""
-_SAME_GAIN = 3.0
-"""Difference between the changes of level and noise floor, from the training's medians or from its
-ranges, up to which a gain explains both [dB].
-"""
-_UNITS_APART = 20 * math.log10(9.80665)
-"""Level of a signal in m/s^2 above that in g [dB]."""
-_SAME_FACTOR = 0.7
-"""Distance from that level up to which a wrong unit is the likelier cause of a change [dB]."""
-_TWICE = 17.0
-"""Share of a channel that no other one explains, as -10 log10, beyond which one signal may be
-recorded twice [dB]: a correlation of 0.99.
-"""
-_MOST = 6
+_GAIN_TOLERANCE_DB = 3.0
+"""Difference between the changes of level and noise floor up to which a gain explains both [dB]."""
+_G_IN_SI_DB = 20 * math.log10(9.80665)
+"""Level of a signal in m/s^2 above that of the same signal in g [dB]."""
+_UNIT_TOLERANCE_DB = 0.7
+"""Distance from `_G_IN_SI_DB` up to which a wrong unit is the likelier cause of a change [dB]."""
+_DUPLICATE_LIKENESS_DB = 17.0
+"""Share of a channel that no other channel explains, as -10 log10, from which one signal may be
+recorded twice [dB]: a correlation of 0.99."""
+_MAX_REASONS = 6
+_MAX_LISTED_VALUES = 6
+_MAX_LISTED_MACHINES = 3
 
 
-def reasons_of(
+def describe_deviations(
     classifier: FittedClassifier,
     condition: Float64[np.ndarray, " quantity"],
     facts: Float64[np.ndarray, "channel fact"],
 ) -> tuple[str, ...]:
-    """What is outside the training's range, the operating condition first, then the most unusual.
+    """Return sentences on what lies outside the training's range, the operating point first.
 
     Parameters
     ----------
-    condition : speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
+    condition : speed [rad/s] and discharge pressure [Pa]; NaN if not specified.
     facts : mean `signal_facts` of the recording.
     """
-    reasons: list[str] = []
-    speed, pressure = condition.tolist()
-    if _is_new(pressure, classifier.pressures, PRESSURE_TOLERANCE):
-        trained = _listed([value / 1e6 for value in classifier.pressures])
-        reasons.append(
-            f"Discharge pressure {pressure / 1e6:.3g} MPa was never trained ({trained} MPa were)."
-        )
-    if _is_new(speed, classifier.speeds, _SPEED_TOLERANCE):
-        trained = _listed([value * 30 / math.pi for value in classifier.speeds])
-        reasons.append(
-            f"Speed {speed * 30 / math.pi:.4g} rev/min was never trained ({trained} rev/min were)."
-        )
+    reasons = list(_describe_condition(classifier, condition))
     reference = classifier.training_reference
     if reference is None or not np.isfinite(facts).all():
         return tuple(reasons)
-    channels, unit = classifier.layout.channels, classifier.layout.unit
-    pair = swapped_channels(reference.facts, facts)
-    if pair is not None:
-        first, second = (channels[index] for index in pair)
+
+    channels = classifier.layout.channels
+    swapped_pair = swapped_channels(reference.facts, facts)
+    if swapped_pair is not None:
+        first, second = (channels[index] for index in swapped_pair)
         reasons.append(
-            f"Channels {first} and {second} look swapped: the spectrum of each is like the other's in the training."
+            f"Channels {first} and {second} look swapped: the spectrum of each resembles that of "
+            "the other in the training."
         )
-    outside = [
+
+    # The facts of swapped channels are all outside, and say no more.
+    deviations = [
         fact
         for fact in outside_facts(reference.facts, reference.specimen, facts)
-        if fact.channel not in (pair or ())
+        if fact.channel not in (swapped_pair or ())
     ]
-    usual = np.median(reference.facts, axis=0)
-    for channel in dict.fromkeys(fact.channel for fact in outside):
-        changes = {fact.fact: fact for fact in outside if fact.channel == channel}
-        reasons += _of_channel(channels[channel], unit, changes, (facts - usual)[channel])
-    return tuple(reasons[:_MOST])
+    changes = facts - np.median(reference.facts, axis=0)
+    for channel in dict.fromkeys(fact.channel for fact in deviations):
+        of_channel = {fact.fact: fact for fact in deviations if fact.channel == channel}
+        reasons += _describe_channel(
+            channels[channel], classifier.layout.unit, of_channel, changes[channel]
+        )
+    return tuple(reasons[:_MAX_REASONS])
+
+
+def _describe_condition(
+    classifier: FittedClassifier, condition: Float64[np.ndarray, " quantity"]
+) -> Iterator[str]:
+    speed, pressure = condition.tolist()
+    if _is_untrained(pressure, classifier.pressures, PRESSURE_TOLERANCE):
+        trained = _list_values([value / 1e6 for value in classifier.pressures])
+        yield (
+            f"Discharge pressure {pressure / 1e6:.3g} MPa was not trained (trained: {trained} MPa)."
+        )
+    if _is_untrained(speed, classifier.speeds, _SPEED_TOLERANCE):
+        trained = _list_values([value * 30 / math.pi for value in classifier.speeds])
+        yield (
+            f"Speed {speed * 30 / math.pi:.4g} rev/min was not trained (trained: {trained} "
+            "rev/min)."
+        )
+
+
+def _is_untrained(value: float, trained: tuple[float, ...], tolerance: float) -> bool:
+    if not trained or math.isnan(value):
+        return False
+    return not values_match(value, np.array(trained), tolerance).any()
+
+
+def _list_values(values: list[float]) -> str:
+    texts = [f"{value:.4g}" for value in values]
+    if len(texts) <= _MAX_LISTED_VALUES:
+        return ", ".join(texts)
+    return f"{len(texts)} values from {texts[0]} to {texts[-1]}"
 
 
 def single_machine_classes(reference: TrainingReference) -> tuple[str, ...]:
-    """Faults that the training has of one machine only; recordings that state no machine count as
-    one.
+    """Return the faults that were trained on one machine only.
+
+    Recordings that do not specify their machine count as one machine.
     """
     machines = {label: set[str]() for label in reference.label if not is_healthy(label)}
     for label, specimen in zip(reference.label, reference.specimen, strict=True):
@@ -97,138 +123,187 @@ def single_machine_classes(reference: TrainingReference) -> tuple[str, ...]:
 
 
 def describe_single_machine_faults(reference: TrainingReference | None) -> str:
-    """That another machine's faults cannot be expected to be named, in words; empty where they
-    can.
-    """
-    if reference is None or not (few := single_machine_classes(reference)):
+    """Describe which faults were trained on one machine only; empty if there are none."""
+    faults = () if reference is None else single_machine_classes(reference)
+    if not faults:
         return ""
     return (
-        f"{', '.join(few)}: measured on one machine only, so that another machine's faults cannot be expected to be "
-        "named. Record each fault on two machines at least, and state which is which (specimen, in the index)."
+        f"{', '.join(faults)}: measured on one machine only, so the same faults of another machine "
+        "cannot be expected to be recognized. Record each fault on at least two machines, and "
+        "specify the machine of each recording (specimen, in the index)."
     )
 
 
-def another_machine(reference: TrainingReference | None, specimen: str, *, always: bool) -> str:
-    """That a recording's machine had no part in the training, in words, and what would help; empty
-    where it had.
+def describe_untrained_machine(
+    reference: TrainingReference | None, specimen: str, *, always: bool
+) -> str:
+    """Describe that a recording's machine is not in the training; empty if it is.
 
     Parameters
     ----------
-    specimen : the machine; empty where not stated.
-    always : also where the training has each fault of several machines.
+    specimen : the machine; empty if not specified.
+    always : whether to do so even if each fault was trained on several machines.
     """
-    trained = sorted({*(() if reference is None else reference.specimen)} - {""})
-    if reference is None or specimen in trained or not trained:
+    if reference is None:
         return ""
-    if not (always or (specimen and single_machine_classes(reference))):
+    trained = sorted(set(reference.specimen) - {""})
+    if specimen in trained or not trained:
         return ""
-    named = ", ".join(trained) if len(trained) <= 3 else f"{trained[0]} to {trained[-1]}"
-    known = f"one, {trained[0]}" if len(trained) == 1 else f"{len(trained)}, {named}"
+    if not always and not (specimen and single_machine_classes(reference)):
+        return ""
+
+    if len(trained) == 1:
+        machines = f"one machine, {trained[0]}"
+    elif len(trained) <= _MAX_LISTED_MACHINES:
+        machines = f"{len(trained)} machines: {', '.join(trained)}"
+    else:
+        machines = f"{len(trained)} machines, {trained[0]} to {trained[-1]}"
+
     if not specimen:
-        return f"It states no machine. The training knows {known}: of another one, any difference may be the machine's."
+        return (
+            f"The recording does not specify its machine, and the training covers {machines}. If "
+            "it is of another machine, the difference may be due to the machine."
+        )
     return (
-        f"Its machine, {specimen}, had no part in the training, which knows {known}. Machines differ as much as faults "
-        f"do, so this difference need not be a fault. Healthy recordings of {specimen} in the training, a detector of "
-        "these alone, or a pump prior adapted to them (swashtwin model adapt) would tell."
+        f"Machine {specimen} is not in the training, which covers {machines}. Machines differ as "
+        f"much as faults do, so the difference need not be a fault. To find out, use healthy "
+        f"recordings of {specimen}: in the training, for an anomaly detector, or to adapt a pump "
+        "prior (swashtwin model adapt)."
     )
 
 
-def own_healthy_would_help(classifier: FittedClassifier, specimen: str) -> str:
-    """What healthy recordings of a machine that the model has none of would buy, in words, by the
-    training's folds.
+def describe_healthy_gain(classifier: FittedClassifier, specimen: str) -> str:
+    """Describe what healthy recordings of a machine would gain; empty if the model has them.
+
+    The figures are those of the training's folds.
     """
-    model, choice = classifier.recordings, classifier.choice
+    model = classifier.recordings
+    choice = classifier.choice
     if model is None or model.on_changes is None or choice is None or model.knows(specimen):
         return ""
-    without, with_own = (choice.head_recalls[f"{kind} baseline"] for kind in ("without", "with"))
-    if choice.group != "specimen" or with_own <= without:
+    without_baseline = choice.head_recalls["without baseline"]
+    with_baseline = choice.head_recalls["with baseline"]
+    if choice.group != "specimen" or with_baseline <= without_baseline:
         return ""
-    counts = Counter(model.healthy.specimen)
-    few, many = min(counts.values()), max(counts.values())
+
+    counts = Counter(model.healthy.specimen).values()
+    fewest = min(counts)
+    most = max(counts)
+    n_healthy = f"{fewest}" if fewest == most else f"{fewest} to {most}"
     return (
-        f"No healthy recordings of {specimen or 'its machine'} are known. Of machines left out of the training "
-        f"{100 * without:.0f} % of the recordings were named right so, and {100 * with_own:.0f} % compared with "
-        f"{few if few == many else f'{few} to {many}'} healthy recordings of their own: give some (--healthy)."
+        f"The model has no healthy recordings of {specimen or 'this machine'}. Recall on held-out "
+        f"machines: {100 * without_baseline:.0f} % without healthy recordings of the machine, "
+        f"{100 * with_baseline:.0f} % with {n_healthy} of them. Pass some as healthy."
     )
 
 
-def _of_channel(
-    name: str, unit: str, changes: dict[str, OutsideFact], change: Float64[np.ndarray, " fact"]
+def _describe_channel(
+    name: str,
+    unit: str,
+    deviations: dict[str, OutsideFact],
+    change: Float64[np.ndarray, " fact"],
 ) -> Iterator[str]:
-    """One sentence for each fact of a channel that is outside; one for both where a gain explains
-    level and floor.
+    """Yield a sentence for each fact of a channel that lies outside the training's range.
+
+    A changed gain moves level and noise floor alike, and gets one sentence for both.
+
+    Parameters
+    ----------
+    deviations : facts outside the range, by name.
+    change : change of each fact from the training's median [dB]: level, noise floor, ...
     """
-    level, floor, lines = (changes.get(fact) for fact in ("level", "noise_floor", "line_share"))
-    if level is not None and level.excess < -_SILENT:
-        yield f"Channel {name} is nearly silent: its level is {_moved(level, f'dB re 1 {unit}')}."
+    level = deviations.get("level")
+    floor = deviations.get("noise_floor")
+    if level is not None and level.excess < -_SILENT_DB:
+        position = _describe_position(level, f"dB re 1 {unit}")
+        yield f"Channel {name} is nearly silent: its level is {position}."
         return
-    differences: list[float] = []
+
     if level is not None and floor is not None:
-        differences = [change[0] - change[1], level.excess - floor.excess]
-        if lines is None:  # noise would have moved the share of the lines
-            without = level.value - change[1]
-            differences.append(max(level.low - without, without - level.high))
-    if any(difference <= _SAME_GAIN for difference in map(abs, differences)):
-        is_unit = abs(abs(change[1]) - _UNITS_APART) <= _SAME_FACTOR
-        hint = (
-            " That is the factor of 9.81 between g and m/s^2: check the unit of the file."
-            if is_unit
-            else ""
-        )
-        yield (
-            f"The gain of channel {name} looks {abs(change[1]):.0f} dB {'higher' if change[1] > 0 else 'lower'} than "
-            f"in the training: its level and its noise floor both moved.{hint}"
-        )
-        level = floor = None
+        has_line_change = "line_share" in deviations
+        if _is_gain_change(level, floor, change, has_line_change):
+            yield _describe_gain(name, float(change[1]))
+            level = None
+            floor = None
     if floor is not None:
-        yield f"The noise floor of channel {name} is {_moved(floor, f'dB re 1 ({unit})²/Hz')}."
+        position = _describe_position(floor, f"dB re 1 ({unit})²/Hz")
+        yield f"The noise floor of channel {name} is {position}."
     if level is not None:
-        yield f"The level of channel {name} is {_moved(level, f'dB re 1 {unit}')}."
-    offset, likeness = changes.get("offset"), changes.get("likeness")
+        yield f"The level of channel {name} is {_describe_position(level, f'dB re 1 {unit}')}."
+
+    offset = deviations.get("offset")
     if offset is not None and offset.excess > 0:
-        times, most = (10 ** (value / 20) for value in (offset.value, offset.high))
+        ratio = 10 ** (offset.value / 20)
+        max_ratio = 10 ** (offset.high / 20)
         yield (
-            f"Channel {name} has an offset of {times:.2g} times its fluctuation; in the training it was {most:.2g} at "
-            "most. Check the sensor's coupling and the amplifier."
+            f"Channel {name} has an offset of {ratio:.2g} times its fluctuation; in the training "
+            f"it was at most {max_ratio:.2g}. Check the sensor's coupling and the amplifier."
         )
-    if likeness is not None and likeness.excess > 0 and likeness.value > _TWICE:
-        now, most = (
-            math.sqrt(1 - 10 ** (-value / 10)) for value in (likeness.value, likeness.high)
-        )
+
+    likeness = deviations.get("likeness")
+    if likeness is not None and likeness.excess > 0 and likeness.value > _DUPLICATE_LIKENESS_DB:
+        correlation = _correlation(likeness.value)
+        max_correlation = _correlation(likeness.high)
         yield (
-            f"Channel {name} follows another one (correlation {now:.3f}; {most:.3f} at most in the training): is one "
-            "signal recorded twice?"
+            f"Channel {name} follows another channel (correlation {correlation:.3f}; at most "
+            f"{max_correlation:.3f} in the training). Is one signal recorded twice?"
         )
+
+    lines = deviations.get("line_share")
     if lines is not None:
-        low, high, share = (
-            100 * 10 ** (value / 10) for value in (lines.low, lines.high, lines.value)
-        )
         yield (
-            f"The strongest lines of channel {name} hold {share:.0f} % of its power; in the training they held "
-            f"{low:.0f} to {high:.0f} %."
+            f"The strongest lines of channel {name} hold {_percent(lines.value):.0f} % of its "
+            f"power; in the training they held {_percent(lines.low):.0f} to "
+            f"{_percent(lines.high):.0f} %."
         )
 
 
-def _moved(fact: OutsideFact, unit: str) -> str:
-    """Such as "14 dB above the training's (-32 dB re 1 m/s^2; the training had -50 to -46)"."""
+def _is_gain_change(
+    level: OutsideFact,
+    floor: OutsideFact,
+    change: Float64[np.ndarray, " fact"],
+    has_line_change: bool,
+) -> bool:
+    """Whether a gain explains the changes of level and noise floor.
+
+    Both then changed by the same amount, from the training's medians or from its ranges.
+    """
+    level_change, floor_change = change[:2]
+    differences = [level_change - floor_change, level.excess - floor.excess]
+    if not has_line_change:
+        # Added noise would have changed the share of the lines. Without that, it suffices if the
+        # level lies within the training's range once the gain is taken out.
+        level_without_gain = level.value - floor_change
+        differences.append(max(level.low - level_without_gain, level_without_gain - level.high))
+    return any(abs(difference) <= _GAIN_TOLERANCE_DB for difference in differences)
+
+
+def _describe_gain(name: str, gain_db: float) -> str:
+    direction = "higher" if gain_db > 0 else "lower"
+    sentence = (
+        f"The gain of channel {name} looks {abs(gain_db):.0f} dB {direction} than in the training: "
+        "its level and its noise floor both changed."
+    )
+    if abs(abs(gain_db) - _G_IN_SI_DB) <= _UNIT_TOLERANCE_DB:
+        sentence += " That is the factor of 9.81 between g and m/s^2: check the unit of the file."
+    return sentence
+
+
+def _describe_position(fact: OutsideFact, unit: str) -> str:
+    """Describe a fact against the training's range.
+
+    Such as "14 dB above the training's range (-32 dB re 1 m/s^2; training: -50 to -46)".
+    """
+    side = "above" if fact.excess > 0 else "below"
     return (
-        f"{abs(fact.excess):.0f} dB {'above' if fact.excess > 0 else 'below'} the training's ({fact.value:.0f} {unit}; "
-        f"the training had {fact.low:.0f} to {fact.high:.0f})"
+        f"{abs(fact.excess):.0f} dB {side} the training's range ({fact.value:.0f} {unit}; training: "
+        f"{fact.low:.0f} to {fact.high:.0f})"
     )
 
 
-def _is_new(value: float, trained: tuple[float, ...], tolerance: float) -> bool:
-    return (
-        bool(trained)
-        and not math.isnan(value)
-        and not values_match(value, np.array(trained), tolerance).any()
-    )
+def _correlation(likeness_db: float) -> float:
+    return math.sqrt(1 - 10 ** (-likeness_db / 10))
 
 
-def _listed(values: list[float]) -> str:
-    words = [f"{value:.4g}" for value in values]
-    return (
-        ", ".join(words)
-        if len(words) <= 6
-        else f"{len(words)} values from {words[0]} to {words[-1]}"
-    )
+def _percent(share_db: float) -> float:
+    return 100 * 10 ** (share_db / 10)

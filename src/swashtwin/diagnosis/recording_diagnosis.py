@@ -1,16 +1,18 @@
-"""What a fitted classifier says of one recording, and healthy recordings of machines made known to
-it.
-"""
+"""Diagnosis of one recording by a fitted classifier, and healthy recordings to compare with."""
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Float64
 
 from swashtwin.diagnosis.healthy_spectrum import classifier_spectrum
-from swashtwin.diagnosis.reasons import another_machine, own_healthy_would_help, reasons_of
+from swashtwin.diagnosis.reasons import (
+    describe_deviations,
+    describe_healthy_gain,
+    describe_untrained_machine,
+)
 from swashtwin.diagnosis.recording_arguments import require_layout, require_recording
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, plural
@@ -34,21 +36,36 @@ from swashtwin.recordings import (
     summarize_recordings,
 )
 
-_TOGETHER = 1024
+_BATCH_WINDOWS = 1024
 """Windows in memory together; a multiple of what the network takes at once, so that no result
-depends on it.
-"""
+depends on it."""
+_MAX_FALSE_SHARE = 0.25
+"""Share of a machine's healthy recordings called faulty above which a note reports it."""
+_RATE_TOLERANCE = 1e-9
+"""Keeps a product such as 0.1 * 30 from being rounded below the integer that it stands for."""
+
+
+@dataclass(frozen=True, eq=False)
+class _WindowAnswers:
+    """What a classifier computes from the windows of one recording."""
+
+    probability: Float[np.ndarray, "window class"]
+    features: Float64[np.ndarray, "window feature"]
+    mean_facts: Float64[np.ndarray, "channel fact"]
+    specimen: str
+    """Machine; empty if it is not specified."""
+    condition: Float64[np.ndarray, " quantity"]
+    """Speed [rad/s] and discharge pressure [Pa]; NaN if not specified."""
 
 
 def diagnose(
     classifier: FittedClassifier, recording: Recording, *, error_rate: float | None = None
 ) -> Diagnosis:
-    """The class of a recording, labeled or not, from windows cut as in training and without
-    overlap.
+    """Return the class of a recording, labeled or not, from windows without overlap.
 
-    A recording that was loaded from its file is never whole in memory. One that cannot be used
-    (NaN, a dead channel, too short, a damaged file) or whose answer is no finite number, such as
-    one with a sample of 1e20, has no verdict: `Diagnosis.no_verdict` says why.
+    A recording that was loaded from its file is never in memory as a whole. A recording has no
+    verdict (`Diagnosis.no_verdict` gives the reason) if it cannot be used (NaN, a dead channel, too
+    short, a damaged file), or if the answer is not finite, as for a sample of 1e20.
 
     Parameters
     ----------
@@ -60,230 +77,300 @@ def diagnose(
     DataError
         The recording has another sample rate, other channels or another unit.
     InputError
-        An error rate that the classifier's validation recordings are too few for, or that it knows
-        none of.
+        The classifier's validation recordings are too few for the error rate, or its confidence
+        was not calibrated.
     """
     require_recording(recording)
-    recording, reference = (
-        recording.unloaded(),
-        classifier.training_reference,
-    )  # what is read here is not kept
+    # Samples that are read here are not kept by the caller's recording.
+    recording = recording.unloaded()
+
     confidence = classifier.confidence_of(recording.specimen or "")
     if error_rate is not None and confidence is None:
         raise InputError(
-            f"error_rate ({error_rate!r}) needs a classifier whose confidence was calibrated; train it without "
-            "--network, or with --validation-fraction 0.2."
+            f"error_rate ({error_rate!r}) needs a classifier whose confidence was calibrated.",
+            field="error_rate",
+            remedy="Train it without {network}, or with {validation_fraction=0.2}.",
         )
     require_layout(classifier.layout, recording)
-    result = Diagnosis(
+
+    diagnosis = Diagnosis(
         recording.recording_id,
         facts=summarize_recordings([recording]),
         fault_of=classifier.fault_of,
     )
-    answers = []
     try:
-        for windows in recording_windows(classifier, recording):
-            powers = window_powers(windows)
-            band_powers, facts = reference_features(windows, powers), signal_facts(windows, powers)
-            answers.append((classifier.predict_proba(windows), band_powers, facts))
-        notes = _notes(classifier, recording)
+        answers = _answer_windows(classifier, recording)
+        notes = _recording_notes(classifier, recording)
     except DataError as cause:
-        return replace(result, no_verdict=str(cause))
-    probability, features, facts = (np.concatenate(part) for part in zip(*answers, strict=True))
-    condition, specimen, mean = (
-        windows.condition(0),
-        str(windows.specimen[0]),
-        features.mean(axis=0),
-    )
-    reasons = reasons_of(classifier, condition, facts.mean(axis=0))
-    likeliest = likeliest_class(probability)
-    result = replace(
-        result,
+        return replace(diagnosis, no_verdict=str(cause))
+
+    reasons = describe_deviations(classifier, answers.condition, answers.mean_facts)
+    class_indices = likeliest_class(answers.probability)
+    diagnosis = replace(
+        diagnosis,
         window_labels=tuple(
-            None if index < 0 else classifier.classes[index] for index in likeliest.tolist()
+            None if index < 0 else classifier.classes[index] for index in class_indices.tolist()
         ),
         notes=(*notes, *reasons),
     )
-    has_verdict = (likeliest >= 0) & (
-        np.isfinite(features).all(axis=1) if confidence is not None else True
-    )
+
+    has_verdict = class_indices >= 0
+    if confidence is not None:
+        has_verdict &= np.isfinite(answers.features).all(axis=1)
     if not has_verdict.all():
-        length = classifier.layout.length
-        first, count = int(has_verdict.argmin()), int(np.count_nonzero(~has_verdict))
-        peak = float(np.abs(recording.slice(first * length, (first + 1) * length).signal).max())
-        which = (
-            "its only window" if has_verdict.size == 1 else f"{count} of {has_verdict.size} windows"
-        )
-        reason = (
-            f"the model's answer to {which} is no finite number, first at {first * length / recording.sample_rate:.4g} "
-            f"s, where samples reach {peak:.3g} {recording.unit}; if that is far too large, cut it out or repair the "
-            "file, else the model is damaged: train it again."
-        )
-        return replace(result, no_verdict=reason)
-    pooled = pooled_probabilities(probability, confidence)
-    score = 0.0
+        reason = _describe_missing_verdict(classifier, recording, has_verdict)
+        return replace(diagnosis, no_verdict=reason)
+
+    reference = classifier.training_reference
+    mean_features = answers.features.mean(axis=0)
+    pooled = pooled_probabilities(answers.probability, confidence)
+    ood_score = 0.0
     if confidence is not None and reference is not None:
-        score = reference.ood_score(mean, specimen=specimen, condition=condition)
-    if not (np.isfinite(pooled).all() and math.isfinite(score)):
-        reason = "the numbers that the model's confidence rests on are not finite; train it again."
-        return replace(result, no_verdict=reason)
+        ood_score = reference.ood_score(
+            mean_features, specimen=answers.specimen, condition=answers.condition
+        )
+    if not (np.isfinite(pooled).all() and math.isfinite(ood_score)):
+        reason = "the numbers behind the model's confidence are not finite; train it again."
+        return replace(diagnosis, no_verdict=reason)
+
     if confidence is not None and reference is not None:
-        result = _with_trust(result, classifier.classes, confidence, probability, score, error_rate)
-    if machine := another_machine(reference, specimen, always=result.unknown):
-        reasons = (machine, *reasons) if specimen else (*reasons, machine)
-    if own := own_healthy_would_help(classifier, specimen):
-        reasons = (*reasons, own)
+        diagnosis = _add_confidence(
+            diagnosis, classifier.classes, confidence, answers.probability, ood_score, error_rate
+        )
+
+    machine_reason = describe_untrained_machine(
+        reference, answers.specimen, always=diagnosis.unknown
+    )
+    healthy_reason = describe_healthy_gain(classifier, answers.specimen)
+    if answers.specimen:
+        reasons = (machine_reason, *reasons, healthy_reason)
+    else:
+        reasons = (*reasons, machine_reason, healthy_reason)
+    reasons = tuple(reason for reason in reasons if reason)
+
     return replace(
-        result,
+        diagnosis,
         label=classifier.classes[int(pooled.argmax())],
         probabilities=dict(zip(classifier.classes, pooled.tolist(), strict=True)),
         reasons=reasons,
         notes=(*notes, *reasons),
         choice=classifier.choice,
-        spectrum=classifier_spectrum(reference, classifier.layout, mean, specimen, condition),
+        spectrum=classifier_spectrum(
+            reference, classifier.layout, mean_features, answers.specimen, answers.condition
+        ),
     )
 
 
-def _with_trust(
-    result: Diagnosis,
+def _answer_windows(classifier: FittedClassifier, recording: Recording) -> _WindowAnswers:
+    """Run the classifier over the windows of a recording, a batch at a time."""
+    probability = []
+    features = []
+    facts = []
+    for windows in recording_windows(classifier, recording):
+        # Features and facts come from the same spectrum, which is computed once.
+        powers = window_powers(windows)
+        features.append(reference_features(windows, powers))
+        facts.append(signal_facts(windows, powers))
+        probability.append(classifier.predict_proba(windows))
+
+    return _WindowAnswers(
+        probability=np.concatenate(probability),
+        features=np.concatenate(features),
+        mean_facts=np.concatenate(facts).mean(axis=0),
+        specimen=str(windows.specimen[0]),
+        condition=windows.condition(0),
+    )
+
+
+def _describe_missing_verdict(
+    classifier: FittedClassifier, recording: Recording, has_verdict: Bool[np.ndarray, " window"]
+) -> str:
+    """Describe which windows have no finite answer, and the largest sample of the first one."""
+    length = classifier.layout.length
+    first = int(has_verdict.argmin())
+    first_window = recording.slice(first * length, (first + 1) * length)
+    peak = float(np.abs(first_window.signal).max())
+    start_s = first * length / recording.sample_rate
+
+    if has_verdict.size == 1:
+        subject = "its only window"
+    else:
+        subject = f"{np.count_nonzero(~has_verdict)} of {has_verdict.size} windows"
+    return (
+        f"the model's answer to {subject} is not a finite number, first at {start_s:.4g} s, where "
+        f"samples reach {peak:.3g} {recording.unit}. If that is far too large, cut it out or repair "
+        "the file; otherwise the model is damaged: train it again."
+    )
+
+
+def _add_confidence(
+    diagnosis: Diagnosis,
     classes: tuple[str, ...],
     confidence: Confidence,
     probability: Float[np.ndarray, "window class"],
-    score: float,
+    ood_score: float,
     error_rate: float | None,
 ) -> Diagnosis:
-    """The diagnosis with the classes that cannot be ruled out, and whether the recording resembles
-    the training.
-    """
-    rate, n = confidence.error_rate if error_rate is None else error_rate, confidence.n_recordings
+    """Return the diagnosis with its prediction set, and whether it resembles the training."""
+    rate = confidence.error_rate if error_rate is None else error_rate
+    n_windows = len(probability)
     pooled = pooled_probabilities(probability)
-    in_set = confidence.prediction_set(pooled, len(probability), rate)
-    plausible = confidence.plausibility(pooled, len(probability), rate)
-    group = confidence.class_groups(len(classes), rate)
-    p_value = float(confidence.ood_p_value(np.array(score)))
+
+    in_set = confidence.prediction_set(pooled, n_windows, rate)
+    plausibility = confidence.plausibility(pooled, n_windows, rate)
+    groups = confidence.class_groups(len(classes), rate)
+    p_value = float(confidence.ood_p_value(np.array(ood_score)))
+
+    # The largest score whose p-value is above the rate: the k-th highest of the n recordings.
+    n = confidence.n_recordings
+    k = max(1, math.floor(rate * (n + 1) + _RATE_TOLERANCE))
     return replace(
-        result,
+        diagnosis,
         unknown=p_value <= rate,
         error_rate=rate,
         prediction_set=tuple(classes[index] for index in np.argsort(-pooled) if in_set[index]),
-        plausibility=dict(zip(classes, plausible.tolist(), strict=True)),
-        scarce_classes=tuple(name for name, index in zip(classes, group, strict=True) if index < 0),
+        plausibility=dict(zip(classes, plausibility.tolist(), strict=True)),
+        scarce_classes=tuple(
+            name for name, group in zip(classes, groups, strict=True) if group < 0
+        ),
         p_value=p_value,
-        score=score,
-        # the greatest score whose p-value is above the rate: the k-th highest of the validation
-        # recordings
-        threshold=float(confidence.ood_score[n - max(1, math.floor(rate * (n + 1) + 1e-9))]),
+        score=ood_score,
+        threshold=float(confidence.ood_score[n - k]),
         basis=confidence.basis,
         n_basis=n,
     )
 
 
 def recording_windows(classifier: FittedClassifier, recording: Recording) -> Iterator[WindowSet]:
-    """The recording's windows, in parts."""
+    """Yield the windows of a recording in batches."""
     return window_batches(
         recording.replace(label=None),
         length=classifier.layout.length,
         classes=classifier.classes,
         allow_partial_revolution=True,
-        batch=_TOGETHER,
+        batch=_BATCH_WINDOWS,
     )
 
 
-def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
+def _recording_notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
+    """Return notes on a recording that had a part in the training, and on its speed."""
     notes = []
-    if seen := find_exact_copies(
+    copies = find_exact_copies(
         classifier.manifest, {recording.recording_id: recording.content_hashes()}
-    ):
-        listed = seen[recording.recording_id]
-        under = "" if listed == recording.recording_id else f", under the name {listed}"
+    )
+    if copies:
+        trained_id = copies[recording.recording_id]
+        is_renamed = trained_id != recording.recording_id
+        name = f", under the name {trained_id}" if is_renamed else ""
         notes.append(
-            f"The classifier was made with this very recording{under}; the answer proves nothing about new ones."
+            f"The classifier was trained with this very recording{name}; the answer proves nothing "
+            "about new ones."
         )
+
     condition = recording.condition
     layout = classifier.layout
-    if condition is not None and layout.length / layout.sample_rate < condition.period * (1 - 1e-9):
+    duration = layout.length / layout.sample_rate
+    if condition is not None and duration < condition.period * (1 - 1e-9):
         notes.append(
-            "At this speed a window is shorter than one revolution and sees some pistons only."
+            "At this speed a window is shorter than one revolution and covers some pistons only."
         )
+
     if classifier.network.uses_speed and not specified_shaft_frequency(recording):
-        usual = float(classifier.network.settings["turns"]) * layout.sample_rate * 60
+        turns_per_sample = float(classifier.network.settings["turns"])
+        assumed_rpm = turns_per_sample * layout.sample_rate * 60
         notes.append(
-            f"It does not state its speed, and the model counts orders of the shaft: {usual:.4g} rev/min was assumed, "
-            "as is usual in the training."
+            "The recording does not specify its speed, and the model counts orders of the shaft: "
+            f"{assumed_rpm:.4g} rev/min was assumed, which is typical of the training."
         )
     return notes
 
 
-def recording_probability(fitted: FittedClassifier, recording: Recording) -> np.ndarray:
-    """Probability of each class, pooled over the windows; a `DataError` where the recording has no
-    verdict.
+def recording_probability(
+    classifier: FittedClassifier, recording: Recording
+) -> Float64[np.ndarray, " class"]:
+    """Return the probability of each class, pooled over the windows.
+
+    Raises
+    ------
+    DataError
+        The recording does not fit the classifier or has no verdict.
     """
-    require_layout(fitted.layout, recording)
-    probability = np.concatenate(
-        [fitted.predict_proba(windows) for windows in recording_windows(fitted, recording)]
-    )
-    pooled = pooled_probabilities(probability, fitted.confidence)
+    require_layout(classifier.layout, recording)
+    batches = recording_windows(classifier, recording)
+    probability = np.concatenate([classifier.predict_proba(windows) for windows in batches])
+
+    pooled = pooled_probabilities(probability, classifier.confidence)
     require_verdicts(pooled[None], np.array([recording.recording_id]))
     return pooled
 
 
-_SEVERAL = 0.25
-"""Share of a machine's healthy recordings called faulty from which a note says so."""
-
-
-def make_known(
+def add_healthy_recordings(
     classifier: FittedClassifier, healthy: Sequence[Recording]
 ) -> tuple[FittedClassifier, tuple[str, ...]]:
-    """(the classifier that compares with these healthy recordings too, notes on machines that it
-    takes for faulty).
+    """Return a classifier that also compares with these healthy recordings, and notes.
+
+    A note reports each machine whose healthy recordings it would call faulty without comparing.
 
     Raises
     ------
     InputError
-        The model compares with no healthy recordings, or one states no machine or is labeled
-        faulty.
+        The model compares with no healthy recordings, or a recording does not specify its machine
+        or is labeled faulty.
     DataError
-        A machine has a single one; or they have another sample rate, other channels or another
-        unit, or are unfit.
+        A machine has a single recording; or a recording has another sample rate, other channels or
+        another unit, or cannot be used.
     """
     if classifier.recordings is None or classifier.recordings.on_changes is None:
         raise InputError(
-            "the model compares with no healthy recordings: its network was named, its recordings were short, or a "
-            "machine of its training has not two healthy ones; train it again, or leave the healthy recordings out.",
+            "The model does not compare with healthy recordings: its network was named, its "
+            "recordings were short, or a machine of its training has fewer than two healthy ones. "
+            "Train it again, or leave the healthy recordings out.",
             field="healthy",
         )
     for recording in healthy:
-        require_layout(classifier.layout, recording)
-        if not recording.specimen:
-            raise InputError(
-                f"{recording.recording_id} states no machine, so nothing can be compared with it; state it (specimen) "
-                "in the index.",
-                field="healthy",
-            )
-        if recording.label is not None and not is_healthy(recording.label):
-            raise InputError(
-                f"{recording.recording_id} is labeled {recording.label} and is no healthy recording; leave it out.",
-                field="healthy",
-            )
-    sound = [recording.replace(label=None) for recording in healthy]
-    informed = classifier.with_healthy(classifier.cut_windows(sound))
+        _require_healthy(classifier, recording)
+
+    unlabeled = [recording.replace(label=None) for recording in healthy]
+    extended = classifier.with_healthy(classifier.cut_windows(unlabeled))
+    without_comparison = replace(
+        classifier, recordings=replace(classifier.recordings, on_changes=None)
+    )
+
     notes = []
-    for name in dict.fromkeys(str(recording.specimen) for recording in sound):
-        of_machine = [recording for recording in sound if recording.specimen == name]
-        if informed.recordings is None or not informed.recordings.knows(name):
+    machines = dict.fromkeys(str(recording.specimen) for recording in unlabeled)
+    for machine in machines:
+        recordings = [recording for recording in unlabeled if recording.specimen == machine]
+        if extended.recordings is None or not extended.recordings.knows(machine):
             raise DataError(
-                f"{of_machine[0].recording_id} is the only healthy recording of {name}; two are needed at least to "
-                "compare with."
+                f"{recordings[0].recording_id} is the only healthy recording of {machine}; at least "
+                "two are needed to compare with."
             )
-        alone = replace(classifier, recordings=replace(classifier.recordings, on_changes=None))
-        labels = [
-            classifier.classes[int(np.argmax(recording_probability(alone, recording)))]
-            for recording in of_machine
-        ]
-        faulty = sum(not is_healthy(label) for label in labels)
-        if faulty > _SEVERAL * len(labels):
+
+        n_faulty = 0
+        for recording in recordings:
+            probability = recording_probability(without_comparison, recording)
+            n_faulty += not is_healthy(classifier.classes[int(probability.argmax())])
+        if n_faulty > _MAX_FALSE_SHARE * len(recordings):
             notes.append(
-                f"{faulty} of {plural(len(labels), 'recording')} of {name} that are healthy would be called faulty "
-                "without comparing: the machine differs from the training's as a fault does."
+                f"Without comparing, {n_faulty} of {plural(len(recordings), 'healthy recording')} "
+                f"of {machine} would be called faulty: the machine differs from those of the "
+                "training as a fault does."
             )
-    return informed, tuple(notes)
+    return extended, tuple(notes)
+
+
+def _require_healthy(classifier: FittedClassifier, recording: Recording) -> None:
+    """Raise an error if a recording cannot be compared with as a healthy one of its machine."""
+    require_layout(classifier.layout, recording)
+    if not recording.specimen:
+        raise InputError(
+            f"{recording.recording_id} does not specify its machine, so nothing can be compared "
+            "with it. Specify its machine (specimen) in the index.",
+            field="healthy",
+        )
+    if recording.label is not None and not is_healthy(recording.label):
+        raise InputError(
+            f"{recording.recording_id} is labeled {recording.label} and is not healthy; leave it "
+            "out.",
+            field="healthy",
+        )

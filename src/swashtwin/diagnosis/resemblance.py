@@ -1,6 +1,4 @@
-"""Faults that a classifier's training did not hold: what a pump prior says of a recording that may
-be one of them.
-"""
+"""Faults that a classifier was not trained on: whether a pump prior recognizes one of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,89 +9,94 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
-from swashtwin.diagnosis.recording_arguments import as_recordings, relabeled
+from swashtwin.diagnosis.recording_arguments import as_recordings, relabel_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning import WindowSet
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import Recording
 
-LEAST = 9
-"""Training recordings that a rate is taken from, at least."""
-SURE = 0.8
-"""Probability of the only plausible class from which a classifier is believed and no prior; chosen
-on fleets 100 and 101 of version 2 of the rig.
-"""
-NO_CONFIDENCE = (
-    "The pump prior was left out: it is asked at the error rate of a confidence, and this training has none; leave out "
-    "--network, or hold recordings back (--validation-fraction 0.2)."
+MIN_RECORDINGS = 9
+"""Minimum number of training recordings: with 9, the smallest conformal p-value is 0.1, which is
+the default error rate."""
+MIN_CERTAIN_PROBABILITY = 0.8
+"""Probability of the only class in the prediction set from which the classifier overrules the
+prior; selected on fleets 100 and 101 of version 2 of the rig."""
+MIN_LIKELY_PROBABILITY = 0.5
+"""Probability of a fault from which the reasons of an unknown recording mention it."""
+NO_CONFIDENCE_NOTE = (
+    "The pump prior was left out: it is compared at the error rate of a confidence, and this "
+    "training has none. Name no network, or hold recordings out (validation_fraction=0.2)."
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Resemblance:
-    """A pump prior that is adapted to the healthy recordings of a training, for the faults that
-    this did not hold.
-    """
+    """A pump prior for faults that a training lacks, adapted to its healthy recordings."""
 
     prior: PriorClassifier
     classes: tuple[str, ...]
-    """Classes of the prior that the training did not hold."""
+    """Classes of the prior that the training lacks."""
     score: Float64[np.ndarray, " recording"]
-    """Probability of these together for each recording of the training, ascending."""
+    """Total probability of these classes for each recording of the training, ascending."""
 
     def __post_init__(self) -> None:
         if self.prior.head is None or not set(self.classes) < set(self.prior.classes):
-            raise ValueError("the prior is of no machine, or does not know the classes")
-        if self.score.size < LEAST or (np.diff(self.score) < 0).any():
-            raise ValueError(f"the scores must ascend, and be {LEAST} at least")
+            raise ValueError("the prior is not adapted to a machine, or does not know the classes")
+        if self.score.size < MIN_RECORDINGS or (np.diff(self.score) < 0).any():
+            raise ValueError(f"the scores must ascend, and be at least {MIN_RECORDINGS}")
 
     def with_healthy(self, healthy: Sequence[Recording]) -> "Resemblance":
-        """The same that compares recordings of further machines with these healthy ones."""
+        """Return the same that also compares with healthy recordings of further machines."""
         return replace(self, prior=self.prior.with_healthy(healthy))
 
-    def joined(self, answer: Diagnosis, recording: Recording) -> Diagnosis:
-        """A classifier's answer, unknown too where the prior takes the recording for a fault that
-        was never trained.
+    def extend_diagnosis(self, diagnosis: Diagnosis, recording: Recording) -> Diagnosis:
+        """Return a classifier's diagnosis, unknown if the prior recognizes a fault not trained.
 
-        Each of both may err in the error rate, so that together they err in twice of it at most.
-        The prior's p-value is
-        conformal: the share of the training's recordings whose probability of such a fault is as
-        high. Where the classifier is sure of a class, it is believed.
+        The classifier and the prior may each err in the error rate, so together in at most twice
+        of it. The prior's p-value is conformal: the share of the training recordings whose
+        probability of such a fault is as high. If the classifier is certain of a class, the prior
+        is overruled.
         """
-        if answer.label is None or answer.error_rate is None or answer.p_value is None:
-            return answer
+        if diagnosis.label is None or diagnosis.error_rate is None or diagnosis.p_value is None:
+            return diagnosis
         try:
             change, _ = self.prior.change(recording)
         except DataError as cause:
-            note = f"The pump prior was not asked of faults that were never trained: {cause}"
-            return replace(answer, notes=(*answer.notes, note))
+            note = f"The pump prior was not asked for faults that were not trained: {cause}"
+            return replace(diagnosis, notes=(*diagnosis.notes, note))
+
         assert self.prior.head is not None
-        shares = dict(
-            zip(
-                self.prior.classes,
-                self.prior.head.predict_proba(change[None])[0].tolist(),
-                strict=True,
-            )
+        probabilities = self.prior.head.predict_proba(change[None])[0].tolist()
+        by_class = dict(zip(self.prior.classes, probabilities, strict=True))
+        likeliest = max(self.classes, key=by_class.__getitem__)
+        total = sum(by_class[name] for name in self.classes)
+
+        n = self.score.size
+        n_as_high = n - int(np.searchsorted(self.score, total))
+        is_certain = (
+            len(diagnosis.prediction_set) == 1
+            and diagnosis.probabilities[diagnosis.label] >= MIN_CERTAIN_PROBABILITY
         )
-        missing = {name: shares[name] for name in self.classes}
-        likeliest, total = max(missing, key=missing.__getitem__), sum(missing.values())
-        as_high, n = self.score.size - int(np.searchsorted(self.score, total)), self.score.size
-        is_sure = len(answer.prediction_set) == 1 and answer.probabilities[answer.label] >= SURE
-        is_new = (as_high + 1) / (n + 1) <= answer.error_rate and not is_sure
-        reasons = answer.reasons
-        if is_new or (answer.unknown and shares[likeliest] > 0.5):
-            reasons = (
-                f"It resembles {likeliest.replace('_', ' ')}, which was never trained: the pump prior gives that "
-                f"{shares[likeliest]:.2f}, and {as_high or 'none'} of {n} recordings that it was compared on look as "
-                "much like a fault that was not trained.",
-                *reasons,
+        is_new = (n_as_high + 1) / (n + 1) <= diagnosis.error_rate and not is_certain
+
+        reasons = diagnosis.reasons
+        is_likely = by_class[likeliest] > MIN_LIKELY_PROBABILITY
+        if is_new or (diagnosis.unknown and is_likely):
+            reason = (
+                f"It resembles {likeliest.replace('_', ' ')}, which was not trained: the pump "
+                f"prior gives this fault a probability of {by_class[likeliest]:.2f}. "
+                f"{n_as_high or 'None'} of {n} training recordings resemble faults that were not "
+                "trained as much."
             )
+            reasons = (reason, *reasons)
+
+        new_notes = [reason for reason in reasons if reason not in diagnosis.notes]
         return replace(
-            answer,
-            unknown=is_new or answer.unknown,
+            diagnosis,
+            unknown=is_new or diagnosis.unknown,
             reasons=reasons,
-            notes=(*answer.notes, *(text for text in reasons if text not in answer.notes)),
+            notes=(*diagnosis.notes, *new_notes),
         )
 
 
@@ -104,56 +107,91 @@ def find_resemblance(
     training: WindowSet,
     fault_of: Mapping[str, str],
 ) -> tuple[Resemblance | None, str]:
-    """(what the prior says of faults that recordings of a training do not hold, or None; a note
-    that says so).
+    """Return the prior for faults that a training lacks, or None, and a note about it.
 
-    A prior, or its file, that is of no machine yet is adapted to the healthy recordings. Of `X` the
-    measured recordings of the training are taken. An `InputError` where a fault of the training is
-    none of the prior's, or `X` is of windows; a `DataError` where the prior cannot be adapted.
+    Parameters
+    ----------
+    prior : pump prior, or its file or design. One that is not adapted to a machine yet is adapted
+        to the healthy recordings of the training.
+    X, y : recordings and their classes, of which the measured ones of the training are used.
+    training : windows that the classifier is trained on.
+    fault_of : fault that a class stands for.
+
+    Raises
+    ------
+    InputError
+        The prior does not know a fault of the training, or `X` holds windows.
+    DataError
+        The prior cannot be adapted.
     """
-    if (given := as_recordings(X)) is None:
+    given_recordings = as_recordings(X)
+    if given_recordings is None:
         raise InputError(
-            "a pump prior needs recordings; windows and arrays are too short.", field="prior"
+            "A pump prior needs recordings; windows and arrays are too short.", field="prior"
         )
-    prior, classes = (
-        prior if isinstance(prior, PriorClassifier) else PriorClassifier.load(prior),
-        training.classes,
-    )
-    trained = set(training.recording_id[~training.synthetic].tolist())
-    recordings = [item for item in relabeled(given, y) if item.recording_id in trained]
-    names = {
-        name: prior.class_of(fault_of.get(name, name)) for name in classes if not is_healthy(name)
-    }
-    if foreign := [name for name, known in names.items() if known is None]:
-        raise InputError(
-            f"the prior knows the faults {', '.join(prior.classes[1:-1])}, and no {foreign[0]}, so that it cannot tell "
-            "which of them were never trained; say which fault a class is, such as --fault-of "
-            f'"{foreign[0]}=piston", or leave the prior out.',
-            field="prior",
-        )
-    missing = tuple(name for name in prior.classes[1:-1] if name not in names.values())
-    if not missing:
+    if not isinstance(prior, PriorClassifier):
+        prior = PriorClassifier.load(prior)
+
+    missing_classes = _missing_classes(prior, training.classes, fault_of)
+    if not missing_classes:
         return None, "The training holds every class of the prior, which adds nothing."
+
+    training_ids = set(training.recording_id[~training.synthetic].tolist())
+    recordings = [
+        recording
+        for recording in relabel_recordings(given_recordings, y)
+        if recording.recording_id in training_ids
+    ]
+    healthy = [recording for recording in recordings if is_healthy(str(recording.label))]
+    faulty = [recording for recording in recordings if not is_healthy(str(recording.label))]
+
     if prior.head is None:
-        prior = prior.fit(
-            [item for item in recordings if is_healthy(str(item.label))], fault_of=dict(fault_of)
-        )
+        prior = prior.fit(healthy, fault_of=dict(fault_of))
     assert prior.head is not None
+
     changes = list[Float[np.ndarray, "channel level"]](prior.healthy_changes())
-    for recording in recordings:
-        if not is_healthy(str(recording.label)):
-            try:
-                changes.append(prior.change(recording)[0])
-            except DataError:
-                continue
-    if len(changes) < LEAST:
+    for recording in faulty:
+        try:
+            changes.append(prior.change(recording)[0])
+        except DataError:
+            # Its machine has no healthy recording at this operating point.
+            continue
+    if len(changes) < MIN_RECORDINGS:
         return None, (
-            f"The prior can be compared on {plural(len(changes), 'recording')} of the training only; its rate "
-            f"needs {LEAST}. Record more healthy ones of each machine at the same pressure and speed."
+            f"The prior can only be compared on {plural(len(changes), 'training recording')}; it "
+            f"needs {MIN_RECORDINGS}. Record more healthy ones of each machine at the same "
+            "pressure and speed."
         )
-    columns = [prior.classes.index(name) for name in missing]
-    score = np.sort(prior.head.predict_proba(np.stack(changes))[:, columns].sum(axis=1))
-    listed = ", ".join(name.replace("_", " ") for name in missing)
-    return Resemblance(
-        prior, missing, score
-    ), f"Of {listed}, never trained, the pump prior tells unknown recordings."
+
+    columns = [prior.classes.index(name) for name in missing_classes]
+    probability = prior.head.predict_proba(np.stack(changes))[:, columns]
+    score = np.sort(probability.sum(axis=1))
+    names = ", ".join(name.replace("_", " ") for name in missing_classes)
+    note = f"The pump prior recognizes faults that were not trained: {names}."
+    return Resemblance(prior, missing_classes, score), note
+
+
+def _missing_classes(
+    prior: PriorClassifier, classes: tuple[str, ...], fault_of: Mapping[str, str]
+) -> tuple[str, ...]:
+    """Return the faults of a prior that a training lacks."""
+    # The first class of a prior is healthy, the last one stands for any other fault.
+    prior_faults = prior.classes[1:-1]
+
+    trained_faults = set()
+    for name in classes:
+        if is_healthy(name):
+            continue
+        fault = prior.class_of(fault_of.get(name, name))
+        if fault is None:
+            raise InputError(
+                f"The prior does not know the class {name!r}, so it cannot recognize which faults "
+                f"were not trained; it knows {', '.join(prior_faults)}.",
+                field="prior",
+                remedy=(
+                    f"State the fault of a class, such as {{fault_of='{name}=piston'}}, or leave "
+                    "{prior} out."
+                ),
+            )
+        trained_faults.add(fault)
+    return tuple(name for name in prior_faults if name not in trained_faults)

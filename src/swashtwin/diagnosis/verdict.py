@@ -1,5 +1,4 @@
-"""`Diagnosis`: what a model of any kind says of one recording, and what to check on the machine
-before acting on it.
+"""`Diagnosis`: the answer of a model of any kind on one recording, and the checks to do next.
 
 The reasons of checks are the physics of the parts (docs/explanation/physics.md), not a statistic:
 none was measured together with our recordings. Oil is sampled from the running line (ISO 4021) and
@@ -19,91 +18,81 @@ from swashtwin.pump import is_healthy, propose_class
 from swashtwin.recordings import RecordingSummary
 from swashtwin.signals import BandPower
 
-_FOR_PAGES = ("facts", "fault_of", "choice", "deviation", "band_powers", "spectrum")
+_PAGE_FIELDS = ("facts", "fault_of", "choice", "deviation", "band_powers", "spectrum")
 """Fields that pages draw, and that `Diagnosis.to_dict` leaves out."""
+_MAX_NAMED_CHANGES = 3
+"""Changes in the sentence of an alarm."""
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The answer of a classifier, a detector or a pump prior on one recording, and how sure it
-    is.
+    """The answer of a classifier, a detector or a pump prior on one recording, with its certainty.
+
+    The probabilities of a classifier without `error_rate` are scores between classes rather than
+    calibrated chances, since the windows of one recording are not independent.
     """
 
     recording_id: str
-    """The recording."""
+    """Id of the recording."""
     kind: str = "classifier"
-    """What answers: ``"classifier"``, ``"detector"`` (`AnomalyDetector`) or ``"prior"``
-    (`PriorClassifier`).
-    """
+    """Kind of the model: ``"classifier"``, ``"detector"`` (`AnomalyDetector`) or ``"prior"``
+    (`PriorClassifier`)."""
     unknown: bool = False
-    """Whether the recording does not resemble the training, so that no class is named; `label` says
-    nothing then.
-    """
+    """Whether the recording does not resemble the training, so that `label` does not hold."""
     label: str | None = None
     """Likeliest class of the whole recording, or ``"abnormal"`` or ``"normal"`` of a detector; None
-    without verdict.
-    """
+    without a verdict."""
     no_verdict: str | None = None
-    """Why there is no verdict: the recording cannot be used, or a number of the answer is not
-    finite.
-    """
+    """Why there is no verdict: the recording cannot be used, or the answer is not finite."""
     probabilities: Mapping[str, float] = field(default_factory=dict)
-    """Probability of each class, pooled over the windows with the temperature and the dependence
-    that validation recordings gave. Without `error_rate` it is a score between classes rather than
-    a calibrated chance: the windows of one recording are not independent, and count as a single
-    one. Of a prior it is calibrated on virtual pumps.
-    """
+    """Probability of each class, pooled over the windows and calibrated on validation recordings;
+    of a prior calibrated on virtual pumps."""
     window_labels: tuple[str | None, ...] = ()
-    """Likeliest class of each window, in order of time; None where a number of it is not finite."""
+    """Likeliest class of each window, in order of time; None if its answer is not finite."""
     error_rate: float | None = None
-    """Share of recordings whose `prediction_set` may miss the true class, and of those wrongly
-    called unknown or raising a false alarm; None where the confidence was not calibrated
-    (`fit_best_candidate`, `learn_confidence`).
-    """
+    """Target miscoverage of `prediction_set`, and share of recordings that are wrongly called
+    unknown or raise a false alarm; None if the confidence was not calibrated
+    (`fit_best_candidate`, `learn_confidence`)."""
     prediction_set: tuple[str, ...] = ()
-    """Classes that cannot be ruled out at the error rate, likeliest first."""
+    """Classes that cannot be excluded at the error rate, likeliest first."""
     plausibility: Mapping[str, float] = field(default_factory=dict)
     """Conformal p-value of each class."""
     scarce_classes: tuple[str, ...] = ()
-    """Classes whose p-value is taken among the recordings of all of them together, since some have
-    too few for the error rate; that of each other class is taken among its recordings alone.
-    """
+    """Classes whose p-values are computed from the recordings of all of them together, since some
+    have too few for the error rate; that of another class is computed from its recordings alone."""
     p_value: float | None = None
-    """Conformal p-value of resembling the recordings of `basis`, 1 / (n + 1) at least; the
-    recording is unknown, or an alarm, where it is at most the error rate.
-    """
+    """Conformal p-value of resembling the recordings of `basis`, at least 1 / (n + 1); up to the
+    error rate the recording is unknown, or an alarm."""
     score: float | None = None
-    """How unlike these it is: `TrainingReference.ood_score`, or the squared distance of a
-    detector.
-    """
+    """Distance from these recordings: `TrainingReference.ood_score`, or the squared distance of a
+    detector."""
     threshold: float | None = None
-    """Score beyond which a classifier calls a recording unknown."""
+    """Score above which a classifier calls a recording unknown."""
     basis: str = ""
-    """The recordings that it is compared with, in words."""
+    """Description of the recordings that it is compared with."""
     n_basis: int = 0
     """Number of these recordings."""
     reasons: tuple[str, ...] = ()
-    """What of the recording is outside the training's range, in words; `notes` hold them too."""
+    """Sentences on what lies outside the training's range; `notes` holds them too."""
     shifts: tuple[str, ...] = ()
-    """Channels whose levels moved as a whole, in words; of a detector."""
+    """Sentences on channels whose band powers all changed alike; of a detector."""
     changes: tuple[BandPowerChange, ...] = ()
-    """Levels that moved, furthest first, also without an alarm; of a detector."""
+    """Band powers that changed, largest change first, also without an alarm; of a detector."""
     notes: tuple[str, ...] = ()
-    """What a reader should know before trusting it, such as a condition that was never trained."""
+    """What a reader should know before trusting it, such as a condition that was not trained."""
     facts: RecordingSummary = field(default_factory=RecordingSummary)
-    """Machine, date, condition and file of the recording, as far as it states them."""
+    """Machine, date, condition and file of the recording, if it specifies them."""
     fault_of: Mapping[str, str] = field(default_factory=dict)
     """Fault of the model that a class of another name stands for."""
     choice: Choice | None = None
-    """How the classifier was chosen; None where its network was named."""
+    """How the classifier was selected; None if its network was named."""
     deviation: Deviation | None = None
-    """All levels' changes; of a detector with a verdict."""
+    """Changes of all band powers; of a detector with a verdict."""
     band_powers: tuple[BandPower, ...] = ()
-    """What each level of `deviation` is."""
+    """Description of each band power of `deviation`."""
     spectrum: HealthySpectrum | None = None
-    """Its levels over those of healthy recordings; None without a verdict, or where the model has
-    no healthy one.
-    """
+    """Its spectrum over those of healthy recordings; None without a verdict, or if the model has no
+    healthy recording."""
 
     def __repr__(self) -> str:
         return f"<Diagnosis of {self.recording_id}: {self.sentence()}>"
@@ -111,13 +100,13 @@ class Diagnosis:
     @property
     def verdict(self) -> str:
         """The answer in a word: ``"no verdict"``, ``"unknown"``, or `label`."""
-        return "no verdict" if self.label is None else "unknown" if self.unknown else self.label
+        if self.label is None:
+            return "no verdict"
+        return "unknown" if self.unknown else self.label
 
     @property
-    def is_near(self) -> bool:
-        """Whether it resembles the training, and is unknown since a pump prior takes it for a fault
-        not in it.
-        """
+    def is_prior_unknown(self) -> bool:
+        """Whether it resembles the training, but a pump prior recognizes a fault not trained."""
         if not self.unknown or self.p_value is None or self.error_rate is None:
             return False
         return self.p_value > self.error_rate
@@ -125,73 +114,103 @@ class Diagnosis:
     @property
     def alarm(self) -> bool | None:
         """Whether the recording is called abnormal, faulty or unknown; None without a verdict."""
-        return None if self.label is None else self.unknown or not is_healthy(self.label)
+        if self.label is None:
+            return None
+        return self.unknown or not is_healthy(self.label)
 
     @property
     def n_windows(self) -> int:
-        """Windows that the recording gave."""
+        """Number of windows of the recording."""
         return len(self.window_labels)
 
     @property
     def agreement(self) -> float:
-        """Share of the windows that say the same as `label`; 0 where there is no verdict."""
-        return (
-            0.0
-            if self.label is None
-            else self.window_labels.count(self.label) / max(self.n_windows, 1)
-        )
+        """Share of the windows whose likeliest class is `label`; 0 without a verdict."""
+        if self.label is None:
+            return 0.0
+        return self.window_labels.count(self.label) / max(self.n_windows, 1)
 
     def sentence(self) -> str:
-        """The verdict in words, with how sure it is."""
+        """Return the verdict and its certainty as a sentence."""
         if self.label is None:
             return f"no verdict: {self.no_verdict}"
         if self.kind == "detector":
-            assert self.p_value is not None
-            assert self.error_rate is not None
-            less = " or less" if self.p_value <= (1 + 1e-9) / (self.n_basis + 1) else ""
-            return (
-                f"{'alarm' if self.alarm else 'no alarm'} at a false-alarm rate of {100 * self.error_rate:.3g} % "
-                f"(p = {self.p_value:.3g}{less}, {plural(self.n_basis, 'healthy recording')})."
-            ) + (f" Moved: {self.moved}." if self.alarm and self.moved else "")
-        if self.unknown and (self.kind == "prior" or self.is_near):
-            return f"Unknown: {self.reasons[0]}"
-        if self.error_rate is None:
-            ranked = sorted(self.probabilities.items(), key=lambda item: -item[1])
-            return f"{self.label} ({', '.join(f'{name} {share:.3f}' for name, share in ranked)})."
-        rate = f"{100 * self.error_rate:.3g} %"
+            return self._alarm_sentence()
         if self.unknown:
-            differs = f"What differs most: {self.reasons[0]}" if self.reasons else (
-                "Operating condition, levels, noise floors and lines are within the training's range, so the pattern "
-                "itself is new, as that of a fault never trained would be."
-            )  # fmt: skip
-            return (
-                f"Unknown: its vibration is further from every trained class than that of all but {rate} of "
-                f"{self.basis}. {differs}"
-            )
-        if len(self.prediction_set) == 1:
-            return f"{self.label}: no other class is plausible at an error rate of {rate}, by {self.basis}."
-        names = ", ".join(name.replace("_", " ") for name in self.prediction_set)
-        return f"At an error rate of {rate}, by {self.basis}, it could be any of {names}: do not act on one of them alone."
+            return f"Unknown: {self._unknown_reason()}"
 
-    @property
-    def moved(self) -> str:
-        """What moved most, in words; of a detector."""
-        return "; ".join(
-            (*self.shifts, *(change.sentence for change in self.changes[: 3 - len(self.shifts)]))
+        if self.error_rate is None:
+            ranked = sorted(self.probabilities.items(), key=lambda entry: -entry[1])
+            probabilities = ", ".join(f"{name} {value:.3f}" for name, value in ranked)
+            return f"{self.label} ({probabilities})."
+
+        rate = f"{100 * self.error_rate:.3g} %"
+        if len(self.prediction_set) == 1:
+            return (
+                f"{self.label}: all other classes are excluded at an error rate of {rate} "
+                f"({self.basis})."
+            )
+        names = ", ".join(name.replace("_", " ") for name in self.prediction_set)
+        return (
+            f"Prediction set at an error rate of {rate} ({self.basis}): {names}. Do not act on one "
+            "of these classes alone."
         )
 
+    def _alarm_sentence(self) -> str:
+        assert self.p_value is not None
+        assert self.error_rate is not None
+
+        # The smallest p-value of n recordings is an upper bound.
+        is_smallest = self.p_value <= (1 + 1e-9) / (self.n_basis + 1)
+        p_value = f"p = {self.p_value:.3g}{' or less' if is_smallest else ''}"
+        sentence = (
+            f"{'alarm' if self.alarm else 'no alarm'} at a false-alarm rate of "
+            f"{100 * self.error_rate:.3g} % ({p_value}, "
+            f"{plural(self.n_basis, 'healthy recording')})."
+        )
+        if self.alarm and self.largest_changes:
+            sentence += f" Largest changes: {self.largest_changes}."
+        return sentence
+
+    def _unknown_reason(self) -> str:
+        if self.kind == "prior" or self.is_prior_unknown:
+            return self.reasons[0]
+
+        assert self.error_rate is not None
+        distance = (
+            f"the recording differs from every trained class more than "
+            f"{100 * (1 - self.error_rate):.3g} % of the training recordings do "
+            f"(n = {self.n_basis})."
+        )
+        if self.reasons:
+            return f"{distance} {self.reasons[0]}"
+        return (
+            f"{distance} Operating point, levels, noise floors and lines are within the training's "
+            "range, so the pattern itself is new, as for a fault that was not trained."
+        )
+
+    @property
+    def largest_changes(self) -> str:
+        """Description of the largest changes; of a detector."""
+        n_changes = _MAX_NAMED_CHANGES - len(self.shifts)
+        changes = [change.sentence for change in self.changes[:n_changes]]
+        return "; ".join([*self.shifts, *changes])
+
     def to_dict(self) -> dict[str, Any]:
-        """Numbers, words and lists that JSON can hold, the verdict first; without what only pages
-        draw.
-        """
-        table = {name: value for name, value in vars(self).items() if name not in _FOR_PAGES}
-        derived = {"alarm": self.alarm, "n_windows": self.n_windows, "agreement": self.agreement}
-        return {"verdict": self.verdict, **to_table(table), **derived}
+        """Return what JSON can hold, the verdict first, without what only pages draw."""
+        table = {name: value for name, value in vars(self).items() if name not in _PAGE_FIELDS}
+        return {
+            "verdict": self.verdict,
+            **to_table(table),
+            "alarm": self.alarm,
+            "n_windows": self.n_windows,
+            "agreement": self.agreement,
+        }
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing to look at."""
+    """One check to do on the machine."""
 
     what: str
     """What to do."""
@@ -200,24 +219,27 @@ class Check:
 
 
 _DRAIN = (
-    "Measure the case drain flow at rated pressure and known oil temperature, and compare it with this pump's earlier "
-    "value."
+    "Measure the case drain flow at rated pressure and known oil temperature, and compare it with "
+    "this pump's earlier value."
 )
 _OIL = "Take an oil sample from the running line: particle count, and which metals."
-_BEFORE = Check(
+_FIRST_CHECK = Check(
     "Check pressure, speed, oil level, suction pressure, air in the oil, and the sensor's mounting.",
-    "A starved or aerated pump and a loose sensor change vibration more than early wear does; rule them out first.",
+    "A starved or aerated pump and a loose sensor change vibration more than early wear does; rule "
+    "them out first.",
 )
-_PLAUSIBLE = (
+_TREND_CHECKS = (
     Check(
-        "Look at the trend of levels and orders against this machine's healthy recordings (swashtwin signal trend).",
-        "A learned class is a comparison with other pumps; a change of this pump at one operating point is not.",
+        "Look at the trend of levels and orders against this machine's healthy recordings "
+        "(swashtwin signal trend).",
+        "A learned class is a comparison with other pumps; a change of this pump at one operating "
+        "point is not.",
     ),
 )
 
 CHECKS = MappingProxyType(
     {
-        "normal": _PLAUSIBLE,
+        "normal": _TREND_CHECKS,
         "swash_plate": (
             Check(
                 _OIL,
@@ -225,37 +247,41 @@ CHECKS = MappingProxyType(
             ),
             Check(
                 _DRAIN,
-                "Slippers that ride over a recess lose their film: leakage through the slipper pockets drains into the "
-                "case, in bursts once per piston and turn.",
+                "Slippers that ride over a recess lose their film: leakage through the slipper "
+                "pockets drains into the case, in bursts once per piston and turn.",
             ),
             Check(
                 "Look at the swash plate face and the slipper soles at the next opening.",
-                "The recess itself is to be seen there.",
+                "The recess itself is visible there.",
             ),
         ),
         "cylinder_block": (
             Check(
                 _DRAIN,
-                "A bore or block face that lost its shape widens the gap by its cube in the leakage (laminar slot).",
+                "A bore or block face that lost its shape widens the gap; leakage grows with the "
+                "cube of the gap (laminar slot).",
             ),
             Check(
                 "Compare the case drain temperature with the tank's.",
-                "Throttled oil carries the lost power as heat: some 0.05 K for each 0.1 MPa that leaks through.",
+                "Throttled oil carries the lost power as heat: some 0.05 K for each 0.1 MPa that "
+                "leaks through.",
             ),
             Check(
-                "Look at the spline, the shaft bearing and the block's running face at the next opening.",
+                "Look at the spline, the shaft bearing and the block's running face at the next "
+                "opening.",
                 "A block that tilts wears its face on one side, and vibrates once per turn.",
             ),
         ),
         "piston": (
             Check(
                 _DRAIN,
-                "Radial clearance leaks with its cube; one worn piston of seven drains more, once per turn.",
+                "Leakage grows with the cube of the radial clearance; one worn piston of seven "
+                "drains more, once per turn.",
             ),
             Check(
                 "Measure the pressure ripple at the outlet, by order.",
-                "One piston that delivers less leaves lines at all multiples of the shaft, not only at the piston-pass "
-                "line.",
+                "One piston that delivers less leaves lines at all multiples of the shaft, not only "
+                "at the piston-pass line.",
             ),
             Check(
                 _OIL,
@@ -264,13 +290,15 @@ CHECKS = MappingProxyType(
         ),
         "valve_plate": (
             Check(
-                "Measure the pressure ripple at the outlet, at the piston-pass line and its multiples.",
-                "A scratched dam or an eroded groove changes how the pressure in each chamber rises at the dead "
-                "centers, for every piston alike.",
+                "Measure the pressure ripple at the outlet, at the piston-pass line and its "
+                "multiples.",
+                "A scratched dam or an eroded groove changes how the pressure in each chamber rises "
+                "at the dead centers, for every piston alike.",
             ),
             Check(
                 _DRAIN + " Measure the delivered flow too.",
-                "Leakage over the dam goes from discharge to suction: flow falls while the drain hardly grows.",
+                "Leakage over the dam goes from discharge to suction: flow falls while the drain "
+                "hardly grows.",
             ),
             Check(
                 "Check suction pressure and air in the oil.",
@@ -278,7 +306,7 @@ CHECKS = MappingProxyType(
             ),
             Check(
                 "Look at the valve plate and the block face at the next opening.",
-                "Scratches and erosion are to be seen there.",
+                "Scratches and erosion are visible there.",
             ),
         ),
         "loose_slipper": (
@@ -298,19 +326,23 @@ CHECKS = MappingProxyType(
 
 
 def next_checks(*labels: str, unknown: bool = False) -> tuple[Check, ...]:
-    """What to check where one of `labels` was diagnosed; of a recording called unknown, what holds
-    for any fault.
+    """Return what to check if one of `labels` was diagnosed.
+
+    For a recording called unknown, the checks hold for any fault.
     """
     if unknown:
         return (
-            _BEFORE,
-            *_PLAUSIBLE,
+            _FIRST_CHECK,
+            *_TREND_CHECKS,
             Check(_OIL, "Whatever wears sheds particles."),
             Check(_DRAIN, "Most wear leaks."),
         )
-    checks = tuple(
-        check
-        for label in labels
-        for check in CHECKS.get(label, CHECKS.get(propose_class(label) or "", _PLAUSIBLE))
-    )
-    return checks if labels and all(map(is_healthy, labels)) else (_BEFORE, *checks)
+
+    checks: list[Check] = []
+    for label in labels:
+        fault = label if label in CHECKS else propose_class(label) or ""
+        checks += CHECKS.get(fault, _TREND_CHECKS)
+
+    if labels and all(map(is_healthy, labels)):
+        return tuple(checks)
+    return (_FIRST_CHECK, *checks)

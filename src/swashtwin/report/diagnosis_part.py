@@ -85,7 +85,11 @@ def build_diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     )
     far = diagnosis.reasons[0] if diagnosis.kind == "prior" and unknown else far
     certainty = (
-        sure if diagnosis.is_near else (*sure, far) if unknown else (*_how_sure(diagnosis), *sure)
+        sure
+        if diagnosis.is_prior_unknown
+        else (*sure, far)
+        if unknown
+        else (*_how_sure(diagnosis), *sure)
     )
     labels = tuple(diagnosis.fault_of.get(name, name) for name in possible or (diagnosis.label,))
     not_checked = _NOT_CHECKED if diagnosis.error_rate is None else _NOT_CHECKED_BY_TRUST
@@ -132,7 +136,7 @@ def _how_sure(diagnosis: Diagnosis) -> tuple[str, ...]:
 def _verdict(diagnosis: Diagnosis) -> tuple[str, Tone]:
     """The verdict in a few words, and its color."""
     assert diagnosis.label is not None
-    if diagnosis.is_near:
+    if diagnosis.is_prior_unknown:
         return "Unknown: like a fault that was never trained", "unsure"
     if diagnosis.unknown:
         return "Unknown: unlike every recording of the training", "unsure"
@@ -148,7 +152,7 @@ def _answer(diagnosis: Diagnosis) -> tuple[str, ...]:
     if diagnosis.unknown:
         return (
             diagnosis.reasons[0]
-            if diagnosis.is_near
+            if diagnosis.is_prior_unknown
             else "It names no class: the recording does not resemble those trained.",
             *spectrum_sentences(diagnosis.spectrum),
         )
@@ -324,7 +328,11 @@ def build_anomaly_part(verdict: Diagnosis, key: str) -> Part:
     shown: dict[bool | None, tuple[str, Tone, tuple[str, ...], tuple[str, ...]]] = {
         True: (
             "Alarm: unlike the healthy recordings", "bad",
-            (f"It differs from the healthy recordings. Moved: {verdict.moved or 'no single level'}.", *spectrum),
+            (
+                "It differs from the healthy recordings. Largest changes: "
+                f"{verdict.largest_changes or 'no single level'}.",
+                *spectrum,
+            ),
             tuple(check.what for check in next_checks(unknown=True)),
         ),
         False: (

@@ -29,7 +29,7 @@ def test_the_table_shows_facts_levels_and_why_a_file_is_broken(client: TestClien
     assert table["waiting"] == 0
     assert rows[HEALTHY]["label"] == "normal"
     assert rows[HEALTHY]["rpm"] == pytest.approx(860)
-    assert len(rows[HEALTHY]["levels"]) == 40
+    assert len(rows[HEALTHY]["rms"]) == 40
     assert rows["recordings/broken.h5"]["state"] == "broken"
     assert "broken.h5" in rows["recordings/broken.h5"]["findings"][0]["message"]
     assert client.get(f"/api/rows?since={table['revision']}").json()["rows"] == []
@@ -71,7 +71,7 @@ def test_a_map_and_the_level_over_time_are_drawn(client: TestClient) -> None:
         assert (
             len(base64.b64decode(waterfall["shades"])) == waterfall["frames"] * waterfall["bands"]
         )
-    assert client.get("/api/levels", params={"name": WORN}).json()["lines"] == 120
+    assert client.get("/api/rms", params={"name": WORN}).json()["lines"] == 120
 
 
 def test_the_lines_show_the_speed(client: TestClient) -> None:
@@ -94,7 +94,7 @@ def test_a_fact_is_written_and_another_window_that_saw_the_old_one_is_told(
         client, "/api/facts", {"changes": [change("label", "piston", "normal")], "undo": True}
     )
     row = next(row for row in undone.json()["rows"] if row["name"] == HEALTHY)
-    assert row["stated"]["label"] == "normal"
+    assert row["specified"]["label"] == "normal"
     assert send(client, "/api/facts", {"changes": [change("sha256", None, "0")]}).status_code == 422
 
 
@@ -143,7 +143,7 @@ def test_strangers_change_nothing(
     "name", ["/etc/passwd", "../recordings.toml", "recordings/broken.h5", "", "x\0", "a" * 2000]
 )
 def test_no_name_leads_out_of_the_index(client: TestClient, name: str) -> None:
-    for path in ("/api/samples", "/api/spectrum", "/api/waterfall", "/api/levels"):
+    for path in ("/api/samples", "/api/spectrum", "/api/waterfall", "/api/rms"):
         answer = client.get(path, params={"name": name, "start": 0, "count": 10})
         assert answer.status_code == 422
         assert "root:" not in answer.text

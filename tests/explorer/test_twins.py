@@ -57,7 +57,7 @@ def test_a_fault_brings_its_lines_and_its_drawing(client) -> None:
 @pytest.mark.parametrize("start", ["../x.json", "/etc/passwd", "recordings.toml", "result"])
 def test_no_start_leads_out_of_the_folder(client, start: str) -> None:
     answer = send(client, "/api/twin_lines", {"start": start})
-    assert "there is no pump or calibration" in answer.json()["detail"]
+    assert "There is no pump or calibration" in answer.json()["detail"]
 
 
 def test_a_new_pump_of_a_nameplate_is_a_start(client, folder: Path) -> None:
@@ -90,13 +90,15 @@ def finished(client) -> dict:
 @pytest.mark.nightly
 def test_a_calibration_is_stopped_then_finished_saved_and_used(client, folder: Path) -> None:
     assert (
-        send(client, "/api/twin_calibrate", {"setting": SETTING, "others": False}).json()["state"]
+        send(client, "/api/twin_calibrate", {"setting": SETTING, "comparable": False}).json()[
+            "state"
+        ]
         == "running"
     )
     assert send(client, "/api/twin_calibrate", {"setting": SETTING}).status_code == 422
     send(client, "/api/twin_stop", {})
     assert finished(client)["state"] == "stopped"
-    send(client, "/api/twin_calibrate", {"setting": SETTING, "others": True})
+    send(client, "/api/twin_calibrate", {"setting": SETTING, "comparable": True})
     assert finished(client)["state"] == "done"
     shown = lines(client, start="result")
     assert len(shown["estimates"]) == 6

@@ -8,6 +8,9 @@ from .fit import average_agreements as average_agreements
 from .fit import evaluate_line_agreement as evaluate_line_agreement
 from .ipinn import IPINN as IPINN
 from .ipinn import PAPER_RATES as PAPER_RATES
+from .line_misfit import LineMisfit as LineMisfit
+from .line_misfit import MeasuredLines as MeasuredLines
+from .line_misfit import compare_lines as compare_lines
 from .measurement import DEFAULT_BAND as DEFAULT_BAND
 from .measurement import GRAVITY as GRAVITY
 from .measurement import assign_single_channels as assign_single_channels

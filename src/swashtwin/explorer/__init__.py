@@ -1,6 +1,4 @@
-"""Looking at recordings and twins in the browser: one room for each question, on this computer
-only.
-"""
+"""Show recordings and twins in the browser, on this computer only."""
 
 import lazy_loader
 

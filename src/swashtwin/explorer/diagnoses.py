@@ -15,11 +15,15 @@ if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, Diagnosis, FaultClassifier, PriorClassifier
     from swashtwin.recordings import Recording
 
+    Model = AnomalyDetector | FaultClassifier | PriorClassifier
 
 PRIOR = "25scy14-1b"
 """Design whose prior is shipped."""
+MARKED_BANDS = 8
+"""Bands of the evidence that are marked in the spectrum; more would hide it."""
+_MAX_CACHED_ANSWERS = 64
+
 Content = Annotated[bytes, Body(media_type="application/octet-stream")]
-_KEPT = 64
 
 
 class Diagnoses:
@@ -27,116 +31,131 @@ class Diagnoses:
 
     Parameters
     ----------
-    model : file of the model; None until one is dropped on the page. A prior is adapted to the
+    model : file of the model; `None` until one is dropped on the page. A prior is adapted to the
         healthy recordings.
     """
 
     def __init__(self, workspace: Workspace, model: Path | None) -> None:
         self._workspace = workspace
         self._answers: OrderedDict[tuple[str, str], dict[str, Any]] = OrderedDict()
-        self._model: FaultClassifier | AnomalyDetector | PriorClassifier | None = None
+        self._model: Model | None = None
         self.name = ""
         if model is not None:
-            self._take(model, model.name)
+            self._load(model, model.name)
 
-    def _take(self, path: Path, name: str) -> None:
+    def _load(self, path: Path, name: str) -> None:
         from swashtwin.diagnosis import PriorClassifier, load_model
 
         model = load_model(path)
         if isinstance(model, PriorClassifier) and not model.specimen:
-            rows = [
-                row.recording
-                for row in self._workspace.rows.values()
-                if row.state == "ready" and row.recording
-            ]
             healthy = [
-                recording for recording in rows if recording.label and is_healthy(recording.label)
+                recording
+                for _, recording in self._workspace.ready_recordings()
+                if recording.label and is_healthy(recording.label)
             ]
-            model, name = (
-                model.fit(healthy),
-                f"{name}, adapted to {plural(len(healthy), 'healthy recording')} here",
-            )
-        self._model, self.name = model, name
+            model = model.fit(healthy)
+            name = f"{name}, adapted to {plural(len(healthy), 'healthy recording')} here"
+
+        self._model = model
+        self.name = name
         self._answers.clear()
 
     def model(self) -> dict[str, Any]:
-        """The model's name."""
+        """Return the model's name."""
         return {"model": self.name}
 
-    def take_prior(self) -> dict[str, Any]:
-        """Take the shipped pump prior, adapted to the healthy recordings."""
-        self._take(Path(PRIOR), f"the prior of {PRIOR}")
+    def load_prior(self) -> dict[str, Any]:
+        """Load the shipped pump prior, adapted to the healthy recordings."""
+        self._load(Path(PRIOR), f"prior of {PRIOR}")
         return self.model()
 
     def drop(self, content: Content, name: Name) -> dict[str, Any]:
-        """Take a model that was dropped on the page; it is kept in memory only.
+        """Load a model that was dropped on the page; it is kept in memory only.
 
         Raises
         ------
         ArtifactError
-            It is no model, or a damaged one.
+            The file is not a model, or is damaged.
         """
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "model.safetensors"
             path.write_bytes(content)
             try:
-                self._take(path, name)
+                self._load(path, name)
             except SwashTwinError as cause:
+                # The reader knows the name of the dropped file, not of our copy.
                 raise type(cause)(str(cause).replace(str(path), name)) from None
         return self.model()
 
     def diagnosis(self, name: Name) -> dict[str, Any]:
-        """Verdict on a recording, how sure it is, and its evidence."""
-        from swashtwin.diagnosis import next_checks
-
+        """Return the verdict on a recording, its uncertainty, and its evidence."""
         if self._model is None:
             raise InputError(
-                "there is no model yet; drop one on the page, or start with --model MODEL."
+                "There is no model yet.",
+                field="model",
+                remedy="Drop one on the page, or start with {model='MODEL'}.",
             )
-        recording = self._workspace.recording(name)
-        key = name, repr(self._workspace.rows[name].stated)
+
+        # A changed fact, such as the sensitivity, changes the verdict.
+        key = name, repr(self._workspace.rows[name].specified)
         if key not in self._answers:
-            verdict = self._model.diagnose(recording)
-            labels = verdict.prediction_set[:2] or filter(None, [verdict.label])
-            checks = next_checks(*labels, unknown=verdict.unknown)
-            self._answers[key] = {
-                **verdict.to_dict(), "sentence": verdict.sentence(), "checks": to_table(checks),
-                "spectrum": "" if verdict.spectrum is None else verdict.spectrum.sentence(),
-                **self._evidence(recording, verdict),
-            }  # fmt: skip
-            while len(self._answers) > _KEPT:
+            recording = self._workspace.recording(name)
+            self._answers[key] = self._diagnose(self._model, recording)
+            while len(self._answers) > _MAX_CACHED_ANSWERS:
                 self._answers.popitem(last=False)
         return {"model": self.name, **self._answers[key]}
 
-    def _evidence(self, recording: "Recording", verdict: "Diagnosis") -> dict[str, Any]:
-        """Bands [Hz] that speak for the verdict, and the nearest recordings of the training."""
+    def _diagnose(self, model: "Model", recording: "Recording") -> dict[str, Any]:
+        from swashtwin.diagnosis import next_checks
+
+        verdict = model.diagnose(recording)
+        labels = list(verdict.prediction_set[:2])
+        if not labels and verdict.label:
+            labels = [verdict.label]
+        return {
+            **verdict.to_dict(),
+            "sentence": verdict.sentence(),
+            "checks": to_table(next_checks(*labels, unknown=verdict.unknown)),
+            "spectrum": "" if verdict.spectrum is None else verdict.spectrum.sentence(),
+            **self._evidence(model, recording, verdict),
+        }
+
+    def _evidence(
+        self, model: "Model", recording: "Recording", verdict: "Diagnosis"
+    ) -> dict[str, Any]:
+        """Return bands [Hz] that support the verdict, and the nearest training recordings."""
         from swashtwin.diagnosis import FaultClassifier, explain
 
-        found: dict[str, Any] = {
+        content: dict[str, Any] = {
             "bands": [],
             "nearest": [],
-            "evidence": [item.sentence for item in verdict.changes],
+            "evidence": [change.sentence for change in verdict.changes],
         }
-        if verdict.label is None or not isinstance(self._model, FaultClassifier):
-            return found
-        fitted = self._model.fitted_
+        if verdict.label is None or not isinstance(model, FaultClassifier):
+            return content
+
+        fitted = model.fitted_
         if not fitted.network.has_gradients or len(verdict.probabilities) < 2:
-            return found
+            return content
+
         evidence = explain(fitted, recording, verdict)
-        rows = [row for row in self._workspace.rows.values() if row.recording is not None]
-        names = {row.recording.recording_id: row.name for row in rows if row.recording is not None}
-        found["evidence"] = evidence.sentences()
-        found["nearest"] = [
-            {**to_table(item), "name": names.get(item.recording_id)} for item in evidence.nearest
-        ]
-        found["bands"] = [
-            {
-                "channel": channel,
-                "words": evidence.describe(band),
-                "low": band.low,
-                "high": band.high,
-            }
-            for channel, band, _ in evidence.strongest(8)
-            if band.part == "signal"
-        ]
-        return found
+        names = {
+            candidate.recording_id: name for name, candidate in self._workspace.ready_recordings()
+        }
+        return {
+            "evidence": evidence.sentences(),
+            "nearest": [
+                {**to_table(neighbor), "name": names.get(neighbor.recording_id)}
+                for neighbor in evidence.nearest
+            ],
+            "bands": [
+                {
+                    "channel": channel,
+                    "description": evidence.describe(band),
+                    "low": band.low,
+                    "high": band.high,
+                }
+                for channel, band, _ in evidence.strongest(MARKED_BANDS)
+                if band.part == "signal"
+            ],
+        }

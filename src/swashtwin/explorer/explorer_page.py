@@ -1,4 +1,4 @@
-"""The application behind the explorer: its page, and what its script asks for."""
+"""Build the application of the explorer: its page, and what its script requests."""
 
 import secrets
 import threading
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from fastapi import Body, Depends, FastAPI, HTTPException, Request
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -22,79 +22,39 @@ from swashtwin.foundation import VERSION, InputError, SwashTwinError, json_text,
 from swashtwin.monitoring import Access, Guard, PageSettings, serving_page
 from swashtwin.recordings import FactChange
 
-if TYPE_CHECKING:
-    pass
-
-
 LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
-TOKEN = "x-explorer"
+TOKEN_HEADER = "x-explorer"
 """Header with the page's token, without which nothing is changed."""
-_UPLOADS = frozenset({"/api/facts", "/api/drop"})
+_UPLOAD_PATHS = frozenset({"/api/facts", "/api/drop"})
+"""Addresses whose bodies may be as large as a recording: many changes, or a model."""
+
+Action = Callable[..., Any]
 
 
 def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
-    """The explorer of a workspace, to be served on this computer only; with a model to diagnose
-    with, or without.
+    """Return the explorer of a workspace, to be served on this computer only.
+
+    Parameters
+    ----------
+    model : file of a model for diagnoses.
     """
     token = secrets.token_urlsafe(32)
-    guard = Middleware(Guard, hosts=LOCAL_NAMES, access=Access(PageSettings()), uploads=_UPLOADS)
+    guard = Middleware(
+        Guard, hosts=LOCAL_NAMES, access=Access(PageSettings()), uploads=_UPLOAD_PATHS
+    )
     application = FastAPI(
         title="swashtwin explore", version=VERSION, openapi_url=None, middleware=[guard]
     )
+    _add_page(application, token)
+    _handle_errors(application)
 
-    def require_token(request: Request) -> None:
-        if not secrets.compare_digest(request.headers.get(TOKEN, "").encode(), token.encode()):
-            raise HTTPException(403, "The page is too old. Load it again.")
+    views = RecordingViews(workspace)
+    twins = TwinWorkbench(workspace)
+    diagnoses = Diagnoses(workspace, model)
+    _add_reading(application, workspace, views, twins, diagnoses)
+    _add_changes(application, token, workspace, twins, diagnoses)
 
-    environment = Environment(
-        loader=PackageLoader("swashtwin.explorer"), autoescape=True, undefined=StrictUndefined
-    )
-    html = environment.get_template("explorer.html.jinja").render(version=VERSION, token=token)
-
-    @application.get("/", response_class=HTMLResponse)
-    def page() -> str:
-        return html
-
-    @application.exception_handler(SwashTwinError)
-    async def refuse(request: Request, error: SwashTwinError) -> Response:
-        return JSONResponse({"detail": str(error)}, 422)
-
-    @application.exception_handler(OSError)
-    async def report_disk(request: Request, error: OSError) -> Response:
-        return JSONResponse(
-            {"detail": f"{error.filename or 'a file'}: {error.strerror or error}"}, 422
-        )
-
-    def propose(
-        given: dict[str, str],
-    ) -> dict[str, Any]:  # what nobody but the user can say of a folder's files
-        workspace.propose({key: text.strip() for key, text in given.items()})
-        return workspace.table()
-
-    def change(changes: list[FactChange], undo: Annotated[bool, Body()] = False) -> dict[str, Any]:
-        workspace.change([_understood(each) for each in changes], undo=undo)
-        return workspace.table()
-
-    figures, twins, models = (
-        RecordingViews(workspace),
-        TwinWorkbench(workspace),
-        Diagnoses(workspace, model),
-    )
-    reading: dict[str, Callable[..., Any]] = {
-        "rows": workspace.table, "samples": figures.samples, "spectrum": figures.spectrum, "levels": figures.levels,
-        "waterfall": figures.waterfall, "speed": figures.speed, "comparison": figures.comparison,
-        "twin_starts": twins.starts, "twin_cutaway": twins.cutaway, "twin_job": twins.progress,
-        "model": models.model, "diagnosis": models.diagnosis,
-    }  # fmt: skip
-    changing: dict[str, Callable[..., Any]] = {
-        "answers": propose, "facts": change, "twin_lines": twins.lines, "twin_save": twins.save,
-        "twin_calibrate": twins.calibrate, "twin_stop": twins.stop, "twin_windows": twins.add_windows,
-        "twin_pump": twins.add_pump, "prior": models.take_prior, "drop": models.drop,
-    }  # fmt: skip
-    for name, work in reading.items():
-        application.get(f"/api/{name}")(_answering(work))
-    for name, work in changing.items():
-        application.post(f"/api/{name}", dependencies=[Depends(require_token)])(_answering(work))
+    # The style sheet and the icon are those of the watch's page.
     packages: list[str | tuple[str, str]] = [
         (__package__, "static"),
         ("swashtwin.monitoring.page", "static"),
@@ -103,12 +63,109 @@ def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
     return application
 
 
-def _answering(work: Callable[..., Any]) -> Callable[..., Response]:
-    """`work` with its table as JSON, where what is no finite number is null."""
+def _add_page(application: FastAPI, token: str) -> None:
+    environment = Environment(
+        loader=PackageLoader("swashtwin.explorer"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    html = environment.get_template("explorer.html.jinja").render(version=VERSION, token=token)
 
-    @wraps(work)
-    def answer(*values: Any, **named: Any) -> Response:
-        content = work(*values, **named)
+    @application.get("/", response_class=HTMLResponse)
+    def page() -> str:
+        return html
+
+
+def _handle_errors(application: FastAPI) -> None:
+    @application.exception_handler(SwashTwinError)
+    async def answer_error(request: Request, error: SwashTwinError) -> Response:
+        return JSONResponse({"detail": str(error)}, 422)
+
+    @application.exception_handler(OSError)
+    async def answer_file_error(request: Request, error: OSError) -> Response:
+        detail = f"{error.filename or 'a file'}: {error.strerror or error}"
+        return JSONResponse({"detail": detail}, 422)
+
+
+def _add_reading(
+    application: FastAPI,
+    workspace: Workspace,
+    views: RecordingViews,
+    twins: TwinWorkbench,
+    diagnoses: Diagnoses,
+) -> None:
+    """Add the addresses that change nothing."""
+    actions: dict[str, Action] = {
+        "rows": workspace.table,
+        "samples": views.samples,
+        "spectrum": views.spectrum,
+        "rms": views.rms,
+        "waterfall": views.waterfall,
+        "speed": views.speed,
+        "comparison": views.comparison,
+        "twin_starts": twins.starts,
+        "twin_cutaway": twins.cutaway,
+        "twin_job": twins.progress,
+        "model": diagnoses.model,
+        "diagnosis": diagnoses.diagnosis,
+    }
+    for name, action in actions.items():
+        application.get(f"/api/{name}")(_answer_with_json(action))
+
+
+def _add_changes(
+    application: FastAPI,
+    token: str,
+    workspace: Workspace,
+    twins: TwinWorkbench,
+    diagnoses: Diagnoses,
+) -> None:
+    """Add the addresses that require the page's token."""
+
+    def require_token(request: Request) -> None:
+        sent_token = request.headers.get(TOKEN_HEADER, "")
+        if not secrets.compare_digest(sent_token.encode(), token.encode()):
+            raise HTTPException(403, "The page has expired. Reload it.")
+
+    def answer_questions(answers: dict[str, str]) -> dict[str, Any]:
+        workspace.propose({key: text.strip() for key, text in answers.items()})
+        return workspace.table()
+
+    def change_facts(
+        changes: list[FactChange], undo: Annotated[bool, Body()] = False
+    ) -> dict[str, Any]:
+        workspace.change([_parse_change(change) for change in changes], undo=undo)
+        return workspace.table()
+
+    actions: dict[str, Action] = {
+        "answers": answer_questions,
+        "facts": change_facts,
+        "twin_lines": twins.lines,
+        "twin_save": twins.save,
+        "twin_calibrate": twins.calibrate,
+        "twin_stop": twins.stop,
+        "twin_windows": twins.add_windows,
+        "twin_pump": twins.add_pump,
+        "prior": diagnoses.load_prior,
+        "drop": diagnoses.drop,
+    }
+    dependencies = [Depends(require_token)]
+    for name, action in actions.items():
+        route = application.post(f"/api/{name}", dependencies=dependencies)
+        route(_answer_with_json(action))
+
+
+def _answer_with_json(action: Action) -> Callable[..., Response]:
+    """Return a function that answers with an action's result as JSON.
+
+    Numbers that are not finite become null, since JSON has none.
+    """
+
+    @wraps(action)
+    def answer(*args: Any, **kwargs: Any) -> Response:
+        content = action(*args, **kwargs)
         if isinstance(content, Response):
             return content
         return Response(json_text(to_table(content)), media_type="application/json")
@@ -116,13 +173,15 @@ def _answering(work: Callable[..., Any]) -> Callable[..., Response]:
     return answer
 
 
-def _understood(change: FactChange) -> FactChange:
-    """A change as the index writes it, of what somebody typed."""
+def _parse_change(change: FactChange) -> FactChange:
+    """Return a change with the typed text as the index stores it."""
     if change.fact not in FACTS:
-        raise InputError(f"{change.fact[:100]!r} is no fact that is edited here.")
-    value: Any = str(change.value or "").strip() or None
-    if change.fact == "sensitivity" and value and "," in value:
-        value = [part.strip() for part in value.split(",")]
+        raise InputError(f"Invalid fact {change.fact[:100]!r}: use one of {', '.join(FACTS)}.")
+
+    text = str(change.value or "").strip()
+    value: str | list[str] | None = text or None
+    if change.fact == "sensitivity" and "," in text:
+        value = [part.strip() for part in text.split(",")]
     return replace(change, value=value)
 
 
@@ -136,10 +195,14 @@ def run_explorer(
 ) -> None:
     """Serve the explorer of `source` on this computer until `stop` is set.
 
+    Parameters
+    ----------
+    started : called with the address once the page can be opened.
+
     Raises
     ------
     DataError
-        There is nothing to look at.
+        There is nothing to show.
     InputError
         Another program uses the port.
     """

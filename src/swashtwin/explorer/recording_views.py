@@ -1,20 +1,18 @@
-"""Figures of recordings as numbers that the page draws: spectra, waterfalls, levels, and what tells
-them apart.
-"""
+"""Numbers that the page draws: spectra, waterfalls, RMS, samples, and comparisons."""
 
 import base64
 import math
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from fastapi import Query
 from jaxtyping import Float
 from starlette.responses import Response
 
-from swashtwin.explorer.workspace import BIN, Name, Workspace, level_track
+from swashtwin.explorer.workspace import BIN, Name, Workspace, rms_track
 from swashtwin.foundation import DataError, InputError, SwashTwinError
-from swashtwin.recordings import specified_shaft_frequency
+from swashtwin.recordings import Recording, specified_shaft_frequency
 from swashtwin.signals import (
     LineSpectrum,
     LineSpectrumKind,
@@ -25,69 +23,96 @@ from swashtwin.signals import (
     tapered_transform,
 )
 
-RESOLUTION = 0.5
-"""Spacing of a spectrum's lines [Hz], at least."""
-ORDER_RESOLUTION = 0.05
-"""Spacing of lines over the shaft's orders, at least."""
-MOST_LINES = 1 << 16
-"""Lines of a spectrum that are sent; each is the greatest of its group."""
-FRAMES, BANDS = 360, 400
-"""Moments and lines of a waterfall, at most."""
-RANGE = 80.0
-"""Levels of a waterfall [dB] below its greatest that differ in color."""
-MOST_VALUES = 1 << 22
-"""Samples that one answer holds, at most."""
-MOST_HEALTHY = 8
+MIN_RESOLUTION_HZ = 0.5
+"""Smallest distance of a spectrum's lines."""
+MIN_ORDER_RESOLUTION = 0.05
+"""Smallest distance of lines in orders of the shaft."""
+MAX_LINES = 1 << 16
+"""Lines of a spectrum that are sent, each the largest of its group."""
+WATERFALL_FRAMES = 360
+"""Frames of a waterfall along time; about one for two pixels of a figure."""
+WATERFALL_BANDS = 400
+"""Bands of a waterfall along frequency."""
+WATERFALL_RANGE_DB = 80.0
+"""Range of a waterfall's colors, below its largest value."""
+WATERFALL_WINDOW = 2048
+"""Samples of one frame of a waterfall."""
+RMS_PARTS = 120
+"""Parts of a recording whose root mean square is drawn."""
+MAX_VALUES = 1 << 22
+"""Samples in one answer."""
+MAX_HEALTHY = 8
 """Healthy recordings that a spectrum is compared with."""
-LEAST_CHANGE = 1.0
-"""Spread [dB] that every level has at least: mounting and temperature move it so much."""
-SHARED = 0.5
-"""Shortest healthy recording over the one compared with it."""
+MIN_SPREAD_DB = 1.0
+"""Smallest spread of a band power: remounting a sensor and temperature change it by as much."""
+MIN_HEALTHY_LENGTH = 0.5
+"""Shortest healthy recording, relative to the one compared with it."""
+COMPARED_ROWS = 20
+"""Band powers in the table of a comparison."""
+_MARKED_HARMONICS = 5
+_START_SPEEDS_HZ = (12.0, 30.0)
+"""Shaft frequencies from which a speed is searched if none is specified; each search covers a third
+to three times its start, together 4 to 90 Hz.
+"""
 
 Names = Annotated[list[str], Query(max_length=50)]
-Key = tuple[str, str, LineSpectrumKind, tuple[float, float] | None]
-"""Recording by name and facts, kind of spectrum, band of the envelope [Hz]."""
 
 
-def packed(values: np.ndarray) -> str:
-    """Numbers as text for the page: float32, little endian, base 64."""
+class SpectrumKey(NamedTuple):
+    """What a spectrum is cached by."""
+
+    name: str
+    """Recording."""
+    facts: str
+    """Its specified facts, since they change the spectrum."""
+    kind: LineSpectrumKind
+    """Kind of spectrum."""
+    band: tuple[float, float] | None
+    """Band of the envelope [Hz]; `None` selects it by the kurtogram."""
+
+
+def pack(values: np.ndarray) -> str:
+    """Return numbers as text for the page: float32, little endian, base 64."""
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
 class RecordingViews:
-    """Figures of one workspace; the last spectra are kept."""
+    """Views of the recordings of one workspace; the last spectra are cached."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
-        self._spectrum = lru_cache(maxsize=64)(self._computed)
+        self._spectrum = lru_cache(maxsize=64)(self._compute_spectrum)
 
-    def _computed(self, key: Key) -> tuple[LineSpectrum, float, Float[np.ndarray, "channel line"]]:
-        name, _, kind, band = key
-        recording = self._workspace.recording(name)
+    def _compute_spectrum(
+        self, key: SpectrumKey
+    ) -> tuple[LineSpectrum, float, Float[np.ndarray, "channel line"]]:
+        """Return a spectrum, and its amplitudes at multiples of a step, which is returned too."""
+        recording = self._workspace.recording(key.name)
         step = max(
-            RESOLUTION,
-            recording.sample_rate / 2 / MOST_LINES,
+            MIN_RESOLUTION_HZ,
+            recording.sample_rate / 2 / MAX_LINES,
             recording.sample_rate / recording.n_samples,
         )
-        spectrum = spectrum_of(
-            recording, kind, band=band, resolution=step if kind == "amplitude" else 0.0
-        )
-        if kind == "order":
+        resolution = step if key.kind == "amplitude" else 0.0
+        spectrum = spectrum_of(recording, key.kind, band=key.band, resolution=resolution)
+        if key.kind == "order":
             step = max(
-                ORDER_RESOLUTION,
+                MIN_ORDER_RESOLUTION,
                 float(spectrum.position[1]),
-                float(spectrum.position[-1]) / MOST_LINES,
+                float(spectrum.position[-1]) / MAX_LINES,
             )
-        group = np.floor(spectrum.position / step + 0.5).astype(int)
-        starts = np.flatnonzero(np.diff(group, prepend=-1))
+
+        # Lines that round to the same multiple of the step become one, the largest of them.
+        multiples = np.floor(spectrum.position / step + 0.5).astype(int)
+        starts = np.flatnonzero(np.diff(multiples, prepend=-1))
         return spectrum, step, np.maximum.reduceat(spectrum.amplitude, starts, axis=1)
 
-    def key(
+    def _key(
         self, name: str, kind: LineSpectrumKind, band: tuple[float, float] | None = None
-    ) -> Key:
-        """What a spectrum is kept by."""
+    ) -> SpectrumKey:
         row = self._workspace.rows.get(name)
-        return name, repr(row and row.stated), kind, band
+        facts = "" if row is None else repr(row.specified)
+        return SpectrumKey(name, facts, kind, band)
 
     def spectrum(
         self,
@@ -100,132 +125,130 @@ class RecordingViews:
         ratio: float | None = None,
         healthy: bool = False,
     ) -> dict[str, Any]:
-        """Spectrum of each channel with its marks, and the range of healthy recordings of the same
-        point.
+        """Return the spectrum of each channel with its marks.
 
         Parameters
         ----------
-        low, high : edges [Hz] of the band for the envelope; without them the kurtogram chooses.
+        low, high : edges [Hz] of the band for the envelope; without them the kurtogram selects it.
+        pistons : number of pistons, whose harmonics are marked.
         bodies, ratio : of a bearing: number of rolling bodies, and their diameter over the pitch
-        diameter.
-        healthy : whether healthy recordings are asked for.
+            diameter; its defect frequencies are marked.
+        healthy : whether to add the range of healthy recordings at the same operating point.
         """
         band = None if low is None or high is None else (low, high)
-        spectrum, step, amplitude = self._spectrum(self.key(name, kind, band))
-        recording = self._workspace.recording(name)
-        shaft = specified_shaft_frequency(recording)
+        spectrum, step, amplitude = self._spectrum(self._key(name, kind, band))
+        shaft_hz = specified_shaft_frequency(self._workspace.recording(name))
+
         marks = [
             (mark.position, mark.name.replace("x", "×"), mark.of_pistons) for mark in spectrum.marks
         ]
-        unit = 1.0 if kind == "order" else shaft
-        if unit and pistons:
-            marks += [(unit * pistons * k, f"{pistons * k}×", True) for k in range(1, 6)]
-        if unit and bodies and ratio is not None:
-            orders = defect_orders(bodies, ratio)
-            for letters, order in zip(("BPFI", "BPFO", "2 BSF", "FTF"), orders, strict=True):
-                marks += [(unit * order, letters, False), (2 * unit * order, f"2 {letters}", False)]
-        result: dict[str, Any] = {
+        order_length = 1.0 if kind == "order" else shaft_hz
+        if order_length:
+            marks += _piston_marks(order_length, pistons)
+            marks += _bearing_marks(order_length, bodies, ratio)
+        end = step * amplitude.shape[1]
+
+        content: dict[str, Any] = {
             "step": step,
-            "amplitude": packed(amplitude),
+            "amplitude": pack(amplitude),
             "lines": amplitude.shape[1],
-        }
-        result |= {
             "unit": spectrum.unit,
             "channels": spectrum.channels,
-            "shaft": shaft,
+            "shaft": shaft_hz,
             "bands": spectrum.bands,
+            "marks": [mark for mark in marks if mark[0] <= end],
         }
-        result |= {"marks": [mark for mark in marks if mark[0] <= step * amplitude.shape[1]]}
         if healthy:
-            result |= self._healthy(name, kind, amplitude.shape)
-        return result
+            content |= self._healthy_range(name, kind, amplitude.shape)
+        return content
 
-    def _healthy(self, name: str, kind: LineSpectrumKind, shape: tuple[int, ...]) -> dict[str, Any]:
-        names, spectra = [], []
-        least = SHARED * self._workspace.recording(name).duration
-        for other in self._workspace.alike(name, healthy=True)[:MOST_HEALTHY]:
-            try:
-                row = self._workspace.rows[other].recording
-                if row is None or row.duration < least:
-                    continue
-                amplitude = self._spectrum(self.key(other, kind))[2]
-            except (SwashTwinError, OSError):
+    def _healthy_range(
+        self, name: str, kind: LineSpectrumKind, shape: tuple[int, ...]
+    ) -> dict[str, Any]:
+        """Return minimum, median and maximum of the spectra of comparable healthy recordings."""
+        min_duration = MIN_HEALTHY_LENGTH * self._workspace.recording(name).duration
+        names = []
+        spectra = []
+        for healthy_name in self._workspace.comparable(name, healthy=True)[:MAX_HEALTHY]:
+            recording = self._workspace.rows[healthy_name].recording
+            if recording is None or recording.duration < min_duration:
                 continue
+            try:
+                amplitude = self._spectrum(self._key(healthy_name, kind))[2]
+            except (SwashTwinError, OSError):
+                continue  # the comparison goes on with the others
+
+            # Order spectra end at slightly different orders, as the speeds differ.
             lines = min(amplitude.shape[1], shape[1])
             if amplitude.shape[0] == shape[0] and lines > 0.9 * shape[1]:
-                spectra.append(
-                    np.pad(
-                        amplitude[:, :lines],
-                        ((0, 0), (0, shape[1] - lines)),
-                        constant_values=np.nan,
-                    )
-                )
-                names.append(other)
+                padded = np.full(shape, np.nan)
+                padded[:, :lines] = amplitude[:, :lines]
+                spectra.append(padded)
+                names.append(healthy_name)
+
         if not spectra:
             return {"healthy": []}
         low, middle, high = np.quantile(spectra, (0, 0.5, 1), axis=0)
-        return {
-            "healthy": names,
-            "low": packed(low),
-            "middle": packed(middle),
-            "high": packed(high),
-        }
+        return {"healthy": names, "low": pack(low), "middle": pack(middle), "high": pack(high)}
 
     def waterfall(self, name: Name, channel: int = 0, orders: bool = False) -> dict[str, Any]:
-        """Level [dB] over time (or turns) and frequency (or order) as one byte each, 255 the
-        greatest.
+        """Return a channel's spectrum over time as one byte each, 255 for the largest value.
+
+        Parameters
+        ----------
+        orders : whether the axes are turns and orders of the shaft, instead of time [s] and
+            frequency [Hz].
         """
         recording = self._workspace.recording(name)
         if not 0 <= channel < recording.n_channels:
             raise InputError(
-                f"{name} has {recording.n_channels} channels; there is no number {channel}."
+                f"Invalid channel number {channel}: {name} has {recording.n_channels} channels,"
+                " counted from 0."
             )
+
         recording = recording.select_channels(recording.channels[channel : channel + 1])
         rate = recording.sample_rate
         if orders:
-            angle = specified_angle(recording)
-            recording = resample_by_angle(
-                recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max()))
-            )
+            recording = _resample_to_turns(recording)
             rate = float(recording.attributes["samples_per_turn"])
+
         signal = recording.signal[0]
-        length = min(2048, signal.size)
-        starts = np.unique(np.linspace(0, signal.size - length, FRAMES).astype(int))
-        lines = np.stack(
-            [
-                np.abs(tapered_transform(signal[start : start + length])) * 4 / length
-                for start in starts
-            ]
-        )
-        group = max(1, math.ceil(lines.shape[1] / BANDS))
-        lines = np.maximum.reduceat(lines, np.arange(0, lines.shape[1], group), axis=1)
-        level = 20 * np.log10(np.maximum(lines, 1e-12 * max(float(lines.max()), 1e-300)))
-        shades = np.clip(255 * (1 + (level - level.max()) / RANGE), 0, 255).astype(np.uint8)
-        result = {
-            "frames": len(starts),
-            "bands": lines.shape[1],
-            "top": float(level.max()),
-            "range": RANGE,
-        }
-        result |= {
-            "end": float((starts[-1] + length) / rate),
-            "high": group * lines.shape[1] * rate / length,
-        }
+        length = min(WATERFALL_WINDOW, signal.size)
+        last_start = signal.size - length
+        starts = np.unique(np.linspace(0, last_start, WATERFALL_FRAMES).astype(int))
+        frames = [
+            np.abs(tapered_transform(signal[start : start + length])) * 4 / length
+            for start in starts
+        ]
+
+        lines = np.stack(frames)
+        lines_per_band = max(1, math.ceil(lines.shape[1] / WATERFALL_BANDS))
+        band_starts = np.arange(0, lines.shape[1], lines_per_band)
+        bands = np.maximum.reduceat(lines, band_starts, axis=1)
+
+        # The floor keeps silence finite: 240 dB below the largest value, far below any color.
+        floor = 1e-12 * max(float(bands.max()), 1e-300)
+        level = 20 * np.log10(np.maximum(bands, floor))
+        shades = 255 * (1 + (level - level.max()) / WATERFALL_RANGE_DB)
         return {
-            **result,
+            "frames": len(starts),
+            "bands": bands.shape[1],
+            "top": float(level.max()),
+            "range": WATERFALL_RANGE_DB,
+            "end": float((starts[-1] + length) / rate),
+            "high": lines_per_band * bands.shape[1] * rate / length,
             "unit": recording.unit,
-            "shades": base64.b64encode(shades.tobytes()).decode(),
+            "shades": base64.b64encode(np.clip(shades, 0, 255).astype(np.uint8).tobytes()).decode(),
         }
 
-    def levels(self, name: Name) -> dict[str, Any]:
-        """Root mean square of each channel along a recording."""
+    def rms(self, name: Name) -> dict[str, Any]:
+        """Return the root mean square of each channel along a recording."""
         recording = self._workspace.recording(name)
-        level = level_track(recording, 120)
-        step = recording.duration / level.shape[1]
+        track = rms_track(recording, RMS_PARTS)
         return {
-            "step": step,
-            "lines": level.shape[1],
-            "amplitude": packed(level),
+            "step": recording.duration / track.shape[1],
+            "lines": track.shape[1],
+            "amplitude": pack(track),
             "unit": recording.unit,
         }
 
@@ -237,91 +260,138 @@ class RecordingViews:
         width: Annotated[int, Query(ge=1)] = 1,
         channel: Annotated[int | None, Query(ge=0)] = None,
     ) -> Response:
-        """Float32: channel by channel the least and greatest of each bin, or the samples of one
-        channel.
+        """Return float32 values: the extremes of bins, or the samples of one channel.
+
+        Parameters
+        ----------
+        start, count : first bin and number of bins, or of samples if a channel is given.
+        width : samples of a bin.
+        channel : number of a channel whose samples are returned; otherwise, channel by channel, the
+            smallest and largest sample of each bin.
         """
         recording = self._workspace.recording(name)
         if width >= BIN and width % BIN:
-            raise InputError(
-                f"bins have less than {BIN} samples, or a multiple of them; {width} is none."
-            )
-        if count * min(width, BIN) * (recording.n_channels if channel is None else 1) > MOST_VALUES:
-            raise InputError(f"at most {MOST_VALUES} values are sent at once.")
+            raise InputError(f"Invalid width {width}: use less than {BIN} or a multiple of {BIN}.")
+
+        channels = recording.n_channels if channel is None else 1
+        if count * min(width, BIN) * channels > MAX_VALUES:
+            raise InputError(f"Too many values: one request returns at most {MAX_VALUES}.")
+
         if channel is None:
             values = self._workspace.extremes(name, width, start, count)
         elif channel >= recording.n_channels or start >= recording.n_samples:
             raise InputError(
-                f"{name} has {recording.n_channels} channels of {recording.n_samples} samples."
+                f"Channel {channel}, sample {start} does not exist: {name} has"
+                f" {recording.n_channels} channels of {recording.n_samples} samples."
             )
         else:
-            values = recording.slice(start, min(start + count, recording.n_samples)).signal[channel]
-        return Response(
-            np.ascontiguousarray(values, "<f4").tobytes(), media_type="application/octet-stream"
-        )
+            end = min(start + count, recording.n_samples)
+            values = recording.slice(start, end).signal[channel]
+        content = np.ascontiguousarray(values, "<f4").tobytes()
+        return Response(content, media_type="application/octet-stream")
 
     def speed(self, name: Name, pistons: Annotated[int, Query(ge=1, le=100)]) -> dict[str, Any]:
-        """Speed that the piston-pass lines show, and how clearly.
+        """Return the speed that the piston-pass lines indicate, and its contrast.
 
         Raises
         ------
         DataError
-            No comb of lines stands clear.
+            No comb of lines is clear of the noise.
         """
         from swashtwin.calibration import detect_speed
 
         recording = self._workspace.recording(name)
-        stated = specified_shaft_frequency(recording)
-        starts = (
-            (12.0, 30.0) if stated is None else (stated,)
-        )  # each looks from a third of it to three times it
-        best = max(
-            (detect_speed(recording, start, pistons) for start in starts),
-            key=lambda speed: speed.shown_contrast,
-        )
-        if not best.is_clear:
+        shaft_hz = specified_shaft_frequency(recording)
+        start_speeds = _START_SPEEDS_HZ if shaft_hz is None else (shaft_hz,)
+        speeds = [detect_speed(recording, start, pistons) for start in start_speeds]
+        clearest = max(speeds, key=lambda speed: speed.shown_contrast)
+        if not clearest.is_clear:
             raise DataError(
-                f"{name}: no lines of {pistons} pistons stand clear of the noise, so it shows no speed."
+                f"{name}: no lines of {pistons} pistons are clear of the noise, so the speed cannot"
+                " be determined."
             )
-        sure = 1 - math.exp(-best.shown_contrast)
-        return {"rpm": 60 * best.shown, "contrast": best.shown_contrast, "sure": sure}
+
+        contrast = clearest.shown_contrast
+        clarity = 1 - math.exp(-contrast)
+        return {"rpm": 60 * clearest.shown, "contrast": contrast, "clarity": clarity}
 
     def comparison(self, first: Names, second: Names) -> dict[str, Any]:
-        """What differs between two groups of recordings: the levels that changed most, in spreads
-        within the groups.
+        """Return the band powers that differ most between two groups of recordings.
 
-        The spread of a level is the pooled standard deviation within both groups, `LEAST_CHANGE` at
-        least.
+        They are ranked by their change in spreads. The spread is the pooled standard deviation
+        within both groups, but at least `MIN_SPREAD_DB`.
 
         Raises
         ------
         InputError
             A group is empty.
         DataError
-            The recordings differ in rate, channels or unit, or one is unfit.
+            The recordings differ in sample rate, channels or unit, or one cannot be measured.
         """
         from swashtwin.learning import band_power_layout
 
         if not first or not second:
-            raise InputError("a comparison takes a recording on either side; choose them.")
+            raise InputError("Select at least one recording on each side.")
+
         recordings = {
             name: self._workspace.recording(name).unloaded() for name in {*first, *second}
         }
-        if len({(item.sample_rate, item.channels, item.unit) for item in recordings.values()}) > 1:
+        formats = {(item.sample_rate, item.channels, item.unit) for item in recordings.values()}
+        if len(formats) > 1:
             raise DataError(
-                "these recordings differ in sample rate, channels or unit; compare alike ones."
+                "The recordings differ in sample rate, channels or unit and cannot be compared."
             )
+
         layout, notes = band_power_layout(list(recordings.values()))
-        levels = {name: layout.measure(recording) for name, recording in recordings.items()}
-        groups = [np.stack([levels[name] for name in names]) for names in (first, second)]
+        powers = {name: layout.measure(recording) for name, recording in recordings.items()}
+        groups = [np.stack([powers[name] for name in names]) for names in (first, second)]
+        change = groups[1].mean(axis=0) - groups[0].mean(axis=0)
+
         freedom = sum(len(group) - 1 for group in groups)
         scatter = sum(((group - group.mean(axis=0)) ** 2).sum(axis=0) for group in groups)
-        spread = np.maximum(np.sqrt(scatter / max(freedom, 1)), LEAST_CHANGE)
-        change = groups[1].mean(axis=0) - groups[0].mean(axis=0)
-        shaft = specified_shaft_frequency(recordings[second[0]])
-        ranked = np.argsort(-np.abs(change / spread))[:20]
-        rows = [
-            {"band": layout.band_powers[n].words(shaft), "channel": layout.band_powers[n].channel, "change": float(change[n]),
-             "spreads": float(change[n] / spread[n]), "edges": layout.band_powers[n].edges(shaft)}
-            for n in ranked.tolist()
-        ]  # fmt: skip
+        spread = np.maximum(np.sqrt(scatter / max(freedom, 1)), MIN_SPREAD_DB)
+
+        shaft_hz = specified_shaft_frequency(recordings[second[0]])
+        rows = []
+        for index in np.argsort(-np.abs(change / spread))[:COMPARED_ROWS].tolist():
+            band_power = layout.band_powers[index]
+            rows.append(
+                {
+                    "band": band_power.words(shaft_hz),
+                    "channel": band_power.channel,
+                    "change": float(change[index]),
+                    "spreads": float(change[index] / spread[index]),
+                    "edges": band_power.edges(shaft_hz),
+                }
+            )
         return {"rows": rows, "notes": notes, "freedom": freedom}
+
+
+def _piston_marks(order_length: float, pistons: int | None) -> list[tuple[float, str, bool]]:
+    """Return marks at the harmonics of the piston-pass frequency."""
+    if not pistons:
+        return []
+    orders = [pistons * harmonic for harmonic in range(1, _MARKED_HARMONICS + 1)]
+    return [(order_length * order, f"{order}×", True) for order in orders]
+
+
+def _bearing_marks(
+    order_length: float, bodies: int | None, ratio: float | None
+) -> list[tuple[float, str, bool]]:
+    """Return marks at the defect frequencies of a bearing and at twice them."""
+    if not bodies or ratio is None:
+        return []
+    marks = []
+    names = ("BPFI", "BPFO", "2 BSF", "FTF")
+    for name, order in zip(names, defect_orders(bodies, ratio), strict=True):
+        marks.append((order_length * order, name, False))
+        marks.append((2 * order_length * order, f"2 {name}", False))
+    return marks
+
+
+def _resample_to_turns(recording: Recording) -> Recording:
+    """Return a recording over the shaft angle, without aliasing at its highest speed."""
+    angle = specified_angle(recording)
+    max_speed = float(angle.speed.max())
+    samples_per_turn = 2 * math.ceil(recording.sample_rate * math.pi / max_speed)
+    return resample_by_angle(recording, angle, samples_per_turn)

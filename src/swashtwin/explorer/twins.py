@@ -1,18 +1,15 @@
-"""The twin's room: lines over the measured ones, a calibration that can be stopped, windows, and
-new pumps.
-"""
+"""Twins of a workspace: their lines over measured ones, calibration, windows, and new pumps."""
 
-import math
-import threading
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from fastapi import Body
 
+from swashtwin.explorer.calibration_job import CalibrationJob
 from swashtwin.explorer.workspace import Name, Workspace
 from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, rpm, safe_file_name
 from swashtwin.pump import (
@@ -28,292 +25,261 @@ from swashtwin.pump import (
     new_pump,
     read_nameplate,
 )
-from swashtwin.recordings import INDEX_NAME, Recordings
+from swashtwin.recordings import INDEX_NAME, Recording, Recordings
 from swashtwin.report import render_cutaway
-from swashtwin.signals import spectral_correlation, spectrum_value_error
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import Calibration
+    from swashtwin.calibration import Calibration, MeasuredLines
     from swashtwin.physics import Twin
 
-BANDWIDTH = 3000.0
-"""Highest frequency [Hz] of a twin that no calibration made."""
-BAND = (0.0, 2500.0)
-"""Lines [Hz] that are compared."""
+MIN_BANDWIDTH_HZ = 3000.0
+"""Bandwidth of a twin without a calibration, unless its first piston-pass line lies above."""
+COMPARED_BAND_HZ = (0.0, 2500.0)
+"""Band whose lines are compared with measured ones; the paper's."""
 RESULT = "result"
 """Name of the start that the last calibration made."""
-_HEAD = 4096
+_PEEK_BYTES = 4096
+"""Bytes of a file from which its kind is recognized."""
+_NAMEPLATE_QUANTITIES = ("displacement", "speed", "pressure", "mass")
+_DEFAULT_CONDITION = OperatingCondition(rpm(1500), MPa(15))
+"""Operating point of a pump that states no rated one."""
+
+LineKind = Literal["piston", "shaft"]
+"""Lines that a twin has: harmonics of the pistons, or of the shaft if a piston is faulty."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A twin as the page's sliders say."""
+    """A twin as the controls of the page describe it."""
 
     start: str
     """Name of one of `TwinWorkbench.starts`."""
     values: list[float] | None = None
-    """The six values in the order of `pump.PARAMETERS`; None takes those of the start."""
+    """The six values in the order of `pump.PARAMETERS`; `None` for those of the start."""
     scales: dict[str, float] = field(default_factory=dict)
-    """Factors of `Scales` over those of the start."""
+    """Factors of `Scales` relative to those of the start."""
     rpm: float | None = None
-    """Speed; None takes the recording's, or else the start's."""
+    """Speed; `None` for that of the recording, or else of the start."""
     mpa: float | None = None
     """Discharge pressure, likewise."""
     fault: str = "start"
-    """Kind of `FAULT_KINDS`, empty for a healthy pump, or ``start``."""
+    """Kind of `FAULT_KINDS`, empty for a healthy pump, or ``start`` for that of the start."""
     dimensions: dict[str, float] = field(default_factory=dict)
     """Dimensions of the fault in SI units."""
     recording: str = ""
     """Recording whose lines are compared; empty for those of the start's calibration."""
 
-
-@dataclass
-class Job:
-    """A calibration that runs."""
-
-    state: str = "none"
-    """``none``, ``running``, ``stopped``, ``failed`` or ``done``."""
-    done: int = 0
-    total: int = 0
-    loss: float | None = None
-    error: str = ""
-    is_stopped: bool = False
-    result: "Calibration | None" = None
+    @property
+    def has_changed_values(self) -> bool:
+        """Whether a value or a scale differs from that of the start."""
+        return self.values is not None or any(factor != 1 for factor in self.scales.values())
 
 
-class _StoppedError(Exception):
-    """Somebody stopped the calibration."""
+class _Start(NamedTuple):
+    twin: "Twin"
+    """Twin at its operating point."""
+    calibration: "Calibration | None"
+    """Calibration that made it."""
 
 
 class TwinWorkbench:
-    """Twins of one workspace: pumps, calibrations beside its recordings, and what was calibrated
-    here.
-    """
+    """Twins of one workspace: pumps, saved calibrations, and the last calibration made here."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
-        self._last: tuple[Any, Twin] | None = None
-        self._measured = lru_cache(maxsize=32)(self._measure)
-        self._loaded = lru_cache(maxsize=8)(_load)
-        self._names: set[str] = set()
-        self.job = Job()
+        self._base_twin: tuple[Any, Twin] | None = None
+        self._measured_lines = lru_cache(maxsize=32)(self._measure)
+        self._load_start = lru_cache(maxsize=8)(_load_start)
+        self._start_names: set[str] = set()
+        self.job = CalibrationJob()
 
     def starts(self) -> dict[str, Any]:
-        """Pumps and calibrations to start from, and faults with their dimensions."""
-        from swashtwin.calibration import get_severity_search
+        """Return pumps and calibrations to start from, and faults with their dimensions."""
+        pumps = []
+        calibrations = []
+        for path in sorted(self._workspace.folder.glob("*")):
+            if path.suffix not in (".toml", ".json") or not path.is_file():
+                continue
+            head = _read_head(path)
+            if '"format": "swashtwin calibration' in head:
+                calibrations.append(path.name)
+            elif path.name != INDEX_NAME and ("rotating_group" in head or "like =" in head):
+                pumps.append(path.name)
 
-        folder, own = self._workspace.folder, self._workspace.calibration
-        files = [
-            path
-            for path in sorted(folder.glob("*"))
-            if path.suffix in (".toml", ".json") and path.is_file()
-        ]
-        pumps = [
-            path.name
-            for path in files
-            if path.name != INDEX_NAME and _begins(path, "rotating_group", "like =")
-        ]
-        calibrations = [
-            path.name for path in files if _begins(path, '"format": "swashtwin calibration')
-        ]
-        if own is not None:
-            calibrations = [own.name, *(name for name in calibrations if name != own.name)]
-        names = (
-            [RESULT] * (self.job.result is not None)
-            + calibrations
-            + pumps
-            + list(available_pumps())
-        )
-        faults = [
-            {"kind": kind, "label": typical.label, "dimensions": [
-                {**asdict(item), "typical": getattr(typical, item.name)} for item in get_severity_search(typical).dimensions
-            ]}
-            for kind, typical in FAULT_KINDS.items() if typical is not None
-        ]  # fmt: skip
-        self._names = set(names)
+        # The calibration that the explorer was opened with comes first.
+        opened_calibration = self._workspace.calibration
+        if opened_calibration is not None:
+            calibrations = [name for name in calibrations if name != opened_calibration.name]
+            calibrations.insert(0, opened_calibration.name)
+
+        names = [*calibrations, *pumps, *available_pumps()]
+        if self.job.result is not None:
+            names.insert(0, RESULT)
+        self._start_names = set(names)
         return {
             "starts": names,
-            "faults": faults,
+            "faults": _describe_faults(),
             "letters": [PARAMETER_SYMBOLS[name] for name in PARAMETERS],
         }
 
-    def _start(self, name: str) -> "tuple[Twin, Calibration | None]":
-        """Twin of a start at its own operating point, and the calibration that made it."""
+    def _start(self, name: str) -> _Start:
+        """Return the twin of a start, and the calibration that made it."""
         if name == RESULT and self.job.result is not None:
-            return self.job.result.twin, self.job.result
-        path = self._workspace.folder / name
-        if name not in self._names and name not in self.starts()["starts"]:
-            raise InputError(f"there is no pump or calibration {name[:100]!r} here.")
-        is_file = path.suffix in (".toml", ".json")
-        return self._loaded(path if is_file else name, path.stat().st_mtime_ns if is_file else 0)
+            return _Start(self.job.result.twin, self.job.result)
 
-    def _twin(self, setting: Setting) -> "tuple[Twin, Calibration | None]":
-        """The twin that a setting describes; of one that differs from the last in values only, the
-        rest is kept.
+        # Only listed names are opened, so that none leads out of the folder.
+        if name not in self._start_names and name not in self.starts()["starts"]:
+            raise InputError(f"There is no pump or calibration {name[:100]!r} here.")
+        path = self._workspace.folder / name
+        if path.suffix in (".toml", ".json"):
+            return self._load_start(path, path.stat().st_mtime_ns)
+        return self._load_start(name, 0)
+
+    def _twin(self, setting: Setting) -> _Start:
+        """Return the twin that a setting describes, and the calibration it started from.
+
+        Building a twin takes long, changing its values does not. The last twin is therefore kept,
+        and reused while only values change.
         """
-        twin, calibration = self._start(setting.start)
-        recording = self._workspace.recording(setting.recording) if setting.recording else None
-        condition = (recording and recording.condition) or twin.condition
-        changes = {
-            "speed": setting.rpm and setting.rpm * math.pi / 30,
-            "discharge_pressure": setting.mpa and setting.mpa * 1e6,
-        }
-        condition = condition.replace(**{name: value for name, value in changes.items() if value})
-        fault = twin.fault if setting.fault == "start" else _fault(setting)
-        key = setting.start, id(calibration), condition, fault
-        if self._last is None or self._last[0] != key:
-            self._last = key, replace(twin, condition=condition, fault=fault)
-        values = twin.values.numpy() if setting.values is None else setting.values
+        start = self._start(setting.start)
+        condition = self._condition(setting, start.twin)
+        fault = start.twin.fault if setting.fault == "start" else _make_fault(setting)
+
+        key = setting.start, id(start.calibration), condition, fault
+        if self._base_twin is None or self._base_twin[0] != key:
+            self._base_twin = key, replace(start.twin, condition=condition, fault=fault)
+        base_twin = self._base_twin[1]
+
+        values = start.twin.values.numpy() if setting.values is None else setting.values
+        scales = start.twin.scales
         factors = {
-            item.name: getattr(twin.scales, item.name) * setting.scales.get(item.name, 1.0)
-            for item in fields(twin.scales)
+            item.name: getattr(scales, item.name) * setting.scales.get(item.name, 1.0)
+            for item in fields(scales)
         }
-        moved = self._last[1].with_interfaces(
-            Interfaces.from_values(values), replace(twin.scales, **factors)
-        )
-        return moved, calibration
+        twin = base_twin.with_interfaces(Interfaces.from_values(values), replace(scales, **factors))
+        return _Start(twin, start.calibration)
+
+    def _condition(self, setting: Setting, twin: "Twin") -> OperatingCondition:
+        """Return the operating point of a setting, of its recording, or of the start's twin."""
+        condition = twin.condition
+        if setting.recording:
+            condition = self._workspace.recording(setting.recording).condition or condition
+        if setting.rpm:
+            condition = condition.replace(speed=rpm(setting.rpm))
+        if setting.mpa:
+            condition = condition.replace(discharge_pressure=MPa(setting.mpa))
+        return condition
 
     def lines(self, setting: Setting) -> dict[str, Any]:
-        """Line amplitudes of a twin, those measured, and how far they are apart."""
+        """Return the line amplitudes of a twin, the measured ones, and their misfit."""
         import torch
 
         twin, calibration = self._twin(setting)
         with torch.no_grad():
             amplitude = np.abs(twin.acceleration().numpy())
-        count, shaft = twin.pump.rotating_group.piston_count, twin.condition.shaft_frequency
-        by_shaft = bool(((twin.orders % count > 0) & (twin.orders > 1)).any())
-        result: dict[str, Any] = {
-            "orders": twin.orders, "amplitude": amplitude, "channels": twin.pump.channels, "shaft": shaft,
-            "pistons": count, "values": twin.values.tolist(), "label": twin.label, "rpm": 60 * shaft,
-            "pump": twin.pump.name, "mpa": twin.condition.discharge_pressure / 1e6,
-            "displacement": twin.pump.rotating_group.displacement,
-            "estimates": [{**asdict(item), "open": item.open_sides} for item in calibration.estimates] if calibration
-            else [],
-            "notes": [] if calibration is None else calibration.notes, "measured": None, "reason": "",
-        }  # fmt: skip
+
+        content = _describe_twin(twin, calibration)
+        content |= {"amplitude": amplitude, "measured": None, "reason": ""}
         try:
-            if setting.recording:
-                facts = repr(self._workspace.rows[setting.recording].stated)
-                found = self._measured(
-                    setting.recording, facts, setting.start, setting.fault, by_shaft
-                )
-            elif calibration is not None:
-                spectra = calibration.fits[0].spectra
-                found = spectra.channels, spectra.orders, spectra.measured, spectra.deviation
-            else:
-                return result
+            measured = self._lines_to_compare(setting, twin, calibration)
         except SwashTwinError as cause:
-            return {**result, "reason": str(cause)}
-        channels, orders, measured, deviation = found
-        rows = [twin.pump.channels.index(name) for name in channels]
-        simulated = np.zeros_like(measured)
-        has, at = np.isin(orders, twin.orders), np.searchsorted(twin.orders, orders)
-        simulated[:, has] = amplitude[rows][:, at[has]]
-        is_clear = measured > deviation
-        misfit = 20 * np.log10(np.maximum(simulated, 1e-12) / np.where(is_clear, measured, np.nan))
-        result["measured"] = {
-            "channels": channels, "orders": orders, "amplitude": measured, "deviation": deviation, "misfit": misfit,
-            "correlation": spectral_correlation(measured, simulated),
-            "error": spectrum_value_error(measured, simulated),
-        }  # fmt: skip
-        return result
+            return {**content, "reason": str(cause)}
+        if measured is not None:
+            content["measured"] = _describe_misfit(twin, amplitude, measured)
+        return content
+
+    def _lines_to_compare(
+        self, setting: Setting, twin: "Twin", calibration: "Calibration | None"
+    ) -> "MeasuredLines | None":
+        """Return the lines of the selected recording, or those that the calibration used."""
+        from swashtwin.calibration import MeasuredLines
+
+        if setting.recording:
+            piston_count = twin.pump.rotating_group.piston_count
+            is_shaft_line = (twin.orders % piston_count > 0) & (twin.orders > 1)
+            lines: LineKind = "shaft" if is_shaft_line.any() else "piston"
+            facts = repr(self._workspace.rows[setting.recording].specified)
+            return self._measured_lines(
+                setting.recording, facts, setting.start, setting.fault, lines
+            )
+        if calibration is None:
+            return None
+
+        spectra = calibration.fits[0].spectra
+        return MeasuredLines(spectra.channels, spectra.orders, spectra.measured, spectra.deviation)
 
     def _measure(
-        self, name: str, _: str, start: str, fault: str, by_shaft: bool
-    ) -> tuple[Any, ...]:
-        """Channels, orders, amplitudes and deviations of a recording's lines, taken for one of the
-        twin's class.
-        """
-        from swashtwin.calibration import assign_single_channels, measure
+        self, name: str, _: str, start: str, fault: str, lines: LineKind
+    ) -> "MeasuredLines":
+        """Measure the lines of a recording as if it were of the twin's class.
 
-        twin = self._start(start)[0]
-        recording = assign_single_channels([self._workspace.recording(name)], twin.pump)[0][0]
-        if recording.condition is None:
-            raise DataError(f"{name} states no speed and pressure; state both in its facts.")
-        its_fault = twin.fault if fault == "start" else FAULT_KINDS.get(fault)
-        twin = replace(twin, condition=recording.condition, fault=its_fault)
-        lines = measure(
-            twin, [recording.replace(label=twin.label)], BAND, "shaft" if by_shaft else "piston"
+        The second argument, the recording's facts, only renews the cached result when they change.
+        """
+        from swashtwin.calibration import MeasuredLines, assign_single_channels, measure
+
+        twin = self._start(start).twin
+        recording = self._workspace.recording(name)
+        recording = assign_single_channels([recording], twin.pump)[0][0]
+        assumed_fault = twin.fault if fault == "start" else FAULT_KINDS.get(fault)
+        twin = replace(twin, condition=_require_condition(name, recording), fault=assumed_fault)
+
+        labeled = recording.replace(label=twin.label)
+        measurement = measure(twin, [labeled], COMPARED_BAND_HZ, lines)
+        return MeasuredLines(
+            measurement.channels, measurement.orders, measurement.amplitude, measurement.deviation
         )
-        return lines.channels, lines.orders, lines.amplitude, lines.deviation
 
     def calibrate(
-        self, setting: Setting, others: Annotated[bool, Body()] = False
+        self, setting: Setting, comparable: Annotated[bool, Body()] = False
     ) -> dict[str, Any]:
-        """Start to calibrate the twin of a setting on its recording, and on those of the same
-        machine, class and point.
+        """Start to calibrate the twin of a setting on its recording.
+
+        Parameters
+        ----------
+        comparable : whether to use also recordings of the same machine, class and operating point.
 
         Raises
         ------
         InputError
-            One runs already, or no recording is chosen.
+            A calibration runs already, or no recording is selected.
+        DataError
+            The recording has no operating point.
         """
-        from swashtwin.calibration import calibrate
-
-        if self.job.state == "running":
-            raise InputError("a calibration runs already; stop it first.")
+        if self.job.is_running:
+            raise InputError("A calibration is already running. Stop it first.")
         if not setting.recording:
-            raise InputError("choose a recording to calibrate on.")
+            raise InputError("Select a recording to calibrate on.")
+
         twin, _ = self._twin(setting)
-        first = self._workspace.recording(setting.recording)
-        if first.condition is None:
-            raise DataError(
-                f"{setting.recording} states no speed and pressure; state both in its facts."
-            )
-        names = [setting.recording, *(self._workspace.alike(setting.recording) if others else ())]
-        found = [self._workspace.recording(name) for name in names]
-        chosen = [item if item.label else item.replace(label=twin.label) for item in found]
-        job = self.job = Job("running", result=self.job.result)
+        first_recording = self._workspace.recording(setting.recording)
+        condition = _require_condition(setting.recording, first_recording)
+        names = [setting.recording]
+        if comparable:
+            names += self._workspace.comparable(setting.recording)
 
-        def progress(done: int, total: int, loss: float) -> None:
-            job.done, job.total, job.loss = done, total, float(loss)
-            if job.is_stopped:
-                raise _StoppedError
-
-        def run() -> None:
-            try:
-                job.result = calibrate(
-                    twin.at(first.condition or twin.condition),
-                    Recordings(chosen),
-                    progress=progress,
-                )
-                job.state = "done"
-            except _StoppedError:
-                job.state = "stopped"
-            except Exception as cause:
-                job.state, job.error = (
-                    "failed",
-                    str(cause) if isinstance(cause, SwashTwinError) else repr(cause),
-                )
-
-        threading.Thread(target=run, daemon=True).start()
-        return self.progress()
+        recordings = [self._workspace.recording(name) for name in names]
+        labeled = [item if item.label else item.replace(label=twin.label) for item in recordings]
+        self.job.start(twin.at(condition), Recordings(labeled))
+        return self.job.progress()
 
     def progress(self) -> dict[str, Any]:
-        """How far the calibration is."""
-        job = self.job
-        return {
-            "state": job.state,
-            "done": job.done,
-            "total": job.total,
-            "loss": job.loss,
-            "error": job.error,
-        }
+        """Return the progress of the calibration."""
+        return self.job.progress()
 
     def stop(self) -> dict[str, Any]:
         """Stop the calibration."""
-        self.job.is_stopped = True
-        return self.progress()
+        self.job.stop()
+        return self.job.progress()
 
     def cutaway(self, label: Name, pistons: int, shaft: float) -> dict[str, Any]:
-        """The pump, cut open, with the part of a class marked."""
+        """Return a drawing of the pump, cut open, with the part of a class marked."""
         return {"html": render_cutaway(label, pistons, shaft)}
 
     def save(self, name: Annotated[str, Body(embed=True)]) -> dict[str, Any]:
-        """Save the last calibration beside the recordings."""
+        """Save the last calibration in the folder of the recordings."""
         if self.job.result is None:
-            raise InputError("nothing was calibrated here yet.")
-        return {"file": self._written(name, ".json", self.job.result.save)}
+            raise InputError("There is no calibration to save yet.")
+        return {"file": self._write_new(name, ".json", self.job.result.save)}
 
     def add_windows(
         self,
@@ -321,33 +287,24 @@ class TwinWorkbench:
         count: Annotated[int, Body(ge=1, le=10_000)],
         name: Annotated[str, Body()],
     ) -> dict[str, Any]:
-        """Make synthetic windows of the twin of a setting, and save them beside the recordings."""
+        """Synthesize windows of a twin, and save them in the folder of the recordings."""
         from swashtwin.learning import save_windows
         from swashtwin.synthesis import synthesize
 
         twin, calibration = self._twin(setting)
         like = [
-            row.recording
-            for row in self._workspace.rows.values()
-            if row.recording is not None and row.state == "ready"
-        ]
-        like = [
             recording
-            for recording in like
+            for _, recording in self._workspace.ready_recordings()
             if recording.label and set(recording.channels) <= set(twin.pump.channels)
         ]
-        is_moved = setting.values is not None or any(
-            factor != 1 for factor in setting.scales.values()
-        )
-        windows = synthesize(
-            twin if calibration is None or is_moved else calibration,
-            twin.fault,
-            count=count,
-            like=Recordings(like),
-        )
-        path = self._written(name, ".safetensors", lambda target: save_windows(windows, target))
+
+        # A calibration that was changed by hand is no longer its own posterior.
+        is_calibrated = calibration is not None and not setting.has_changed_values
+        source = calibration if calibration is not None and is_calibrated else twin
+        windows = synthesize(source, twin.fault, count=count, like=Recordings(like))
+        file = self._write_new(name, ".safetensors", lambda path: save_windows(windows, path))
         return {
-            "file": path,
+            "file": file,
             "count": len(windows),
             "label": str(windows.label[0]),
             "notes": windows.notes,
@@ -356,71 +313,142 @@ class TwinWorkbench:
     def add_pump(
         self, name: Annotated[str, Body()], plate: Annotated[dict[str, str], Body()]
     ) -> dict[str, Any]:
-        """Write the file of a pump scaled to a nameplate beside the recordings."""
+        """Write the file of a pump scaled to a nameplate in the folder of the recordings."""
         try:
-            pistons = int(plate.get("pistons", ""))
+            piston_count = int(plate.get("pistons", ""))
         except ValueError:
             raise InputError(
                 f"pistons ({plate.get('pistons')!r}) must be a whole number."
             ) from None
-        told = {
-            key: plate[key]
-            for key in ("displacement", "speed", "pressure", "mass")
-            if plate.get(key)
-        }
-        if missing := {"displacement", "speed", "pressure"} - told.keys():
-            raise InputError(f"a nameplate states {', '.join(sorted(missing))} too.")
-        path = new_pump(
-            name, nameplate=read_nameplate(pistons=pistons, **told), folder=self._workspace.folder
-        )
+
+        quantities = {key: plate[key] for key in _NAMEPLATE_QUANTITIES if plate.get(key)}
+        missing_names = {"displacement", "speed", "pressure"} - quantities.keys()
+        if missing_names:
+            raise InputError(f"The nameplate lacks {', '.join(sorted(missing_names))}.")
+
+        nameplate = read_nameplate(pistons=piston_count, **quantities)
+        path = new_pump(name, nameplate=nameplate, folder=self._workspace.folder)
         return {"start": path.name, **self.starts()}
 
-    def _written(self, name: str, suffix: str, write: Callable[[Path], object]) -> str:
+    def _write_new(self, name: str, suffix: str, write: Callable[[Path], object]) -> str:
+        """Write a new file in the folder of the recordings, and return its name."""
         stem = name.strip().removesuffix(suffix)
         if not stem or safe_file_name(stem) != stem:
             raise InputError(
-                f"{name[:100]!r} cannot name a file; use letters, digits, '-', '_' and '.'."
+                f"Invalid file name {name[:100]!r}: use letters, digits, '-', '_' and '.'."
             )
+
         path = self._workspace.folder / f"{stem}{suffix}"
         if path.exists():
-            raise InputError(
-                f"{path} exists already, and nothing is overwritten; choose another name."
-            )
+            raise InputError(f"{path} exists already. Use another name.")
         write(path)
         return path.name
 
 
-def _load(name: str | Path, _: int) -> "tuple[Twin, Calibration | None]":
+def _describe_faults() -> list[dict[str, Any]]:
+    """Return the kinds of faults with their dimensions and typical values."""
+    from swashtwin.calibration import get_severity_search
+
+    faults = []
+    for kind, typical in FAULT_KINDS.items():
+        if typical is None:
+            continue
+        dimensions = [
+            {**asdict(dimension), "typical": getattr(typical, dimension.name)}
+            for dimension in get_severity_search(typical).dimensions
+        ]
+        faults.append({"kind": kind, "label": typical.label, "dimensions": dimensions})
+    return faults
+
+
+def _describe_twin(twin: "Twin", calibration: "Calibration | None") -> dict[str, Any]:
+    estimates = []
+    notes: list[str] = []
+    if calibration is not None:
+        notes = list(calibration.notes)
+        estimates = [
+            {**asdict(estimate), "open": estimate.open_sides} for estimate in calibration.estimates
+        ]
+
+    return {
+        "pump": twin.pump.name,
+        "pistons": twin.pump.rotating_group.piston_count,
+        "displacement": twin.pump.rotating_group.displacement,
+        "channels": twin.pump.channels,
+        "label": twin.label,
+        "shaft": twin.condition.shaft_frequency,
+        "rpm": 60 * twin.condition.shaft_frequency,
+        "mpa": twin.condition.discharge_pressure / 1e6,
+        "values": twin.values.tolist(),
+        "orders": twin.orders,
+        "estimates": estimates,
+        "notes": notes,
+    }
+
+
+def _describe_misfit(
+    twin: "Twin", amplitude: np.ndarray, measured: "MeasuredLines"
+) -> dict[str, Any]:
+    from swashtwin.calibration import compare_lines
+
+    misfit = compare_lines(twin, amplitude, measured)
+    return {
+        "channels": measured.channels,
+        "orders": measured.orders,
+        "amplitude": measured.amplitude,
+        "deviation": measured.deviation,
+        "misfit": misfit.level_difference,
+        "correlation": misfit.spectral_correlation,
+        "error": misfit.spectrum_value_error,
+    }
+
+
+def _load_start(source: str | Path, _: int) -> _Start:
+    """Load a calibration or a pump; the second argument renews the cache when the file changes."""
     from swashtwin.calibration import load_calibration
     from swashtwin.physics import Twin
 
-    if isinstance(name, Path) and name.suffix == ".json":
-        calibration = load_calibration(name)
-        return calibration.twin, calibration
-    pump = load_pump(name)
-    point = OperatingCondition(rpm(1500), MPa(15))
+    if isinstance(source, Path) and source.suffix == ".json":
+        calibration = load_calibration(source)
+        return _Start(calibration.twin, calibration)
+
+    pump = load_pump(source)
+    condition = _DEFAULT_CONDITION
     if pump.rated is not None:
-        point = OperatingCondition(pump.rated.speed, pump.rated.discharge_pressure)
-    least = 1.05 * pump.rotating_group.piston_count * point.shaft_frequency
-    return Twin(pump, point, bandwidth=max(BANDWIDTH, least)), None
+        condition = OperatingCondition(pump.rated.speed, pump.rated.discharge_pressure)
+
+    # A twin needs at least its first piston-pass line.
+    piston_pass_hz = pump.rotating_group.piston_count * condition.shaft_frequency
+    bandwidth = max(MIN_BANDWIDTH_HZ, 1.05 * piston_pass_hz)
+    return _Start(Twin(pump, condition, bandwidth=bandwidth), None)
 
 
-def _begins(path: Path, *words: str) -> bool:
+def _require_condition(name: str, recording: Recording) -> OperatingCondition:
+    if recording.condition is None:
+        raise DataError(f"{name} has no speed and pressure. Specify both in its facts.")
+    return recording.condition
+
+
+def _read_head(path: Path) -> str:
     with path.open("rb") as file:
-        head = file.read(_HEAD).decode("utf-8", "replace")
-    return any(word in head for word in words)
+        return file.read(_PEEK_BYTES).decode("utf-8", "replace")
 
 
-def _fault(setting: Setting) -> Fault | None:
+def _make_fault(setting: Setting) -> Fault | None:
+    """Return the fault of a setting; `None` for a healthy pump."""
     if not setting.fault:
         return None
     typical = FAULT_KINDS.get(setting.fault)
     if typical is None:
-        raise InputError(f"there is no fault {setting.fault[:100]!r}.")
-    known = {item.name for item in fields(typical)}
-    if other := setting.dimensions.keys() - known:
-        raise InputError(f"{setting.fault} has no dimension {sorted(other)[0][:100]!r}.")
+        raise InputError(f"There is no fault {setting.fault[:100]!r}.")
+
+    unknown_names = sorted(setting.dimensions.keys() - {item.name for item in fields(typical)})
+    if unknown_names:
+        raise InputError(f"{setting.fault} has no dimension {unknown_names[0][:100]!r}.")
+
     fault = replace(typical, **setting.dimensions)
     if fault.severity == 0:
         return None
-    return fault.with_fitting_contact() if isinstance(fault, SwashPlateDefect) else fault
+    if isinstance(fault, SwashPlateDefect):
+        return fault.with_fitting_contact()
+    return fault

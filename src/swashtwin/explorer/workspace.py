@@ -1,5 +1,7 @@
-"""What is looked at: recordings of an index, a folder, a store or a file, each with its facts,
-level and findings.
+"""The recordings that an explorer shows, each with its facts and findings.
+
+They come from an index, a folder, a store, a file or a calibration. They are opened and inspected
+in the background.
 """
 
 import json
@@ -37,18 +39,22 @@ from swashtwin.recordings import (
 )
 
 Name = Annotated[str, Query(max_length=1000)]
-"""Name of a row, as an address states it."""
+"""Name of a row in an address."""
 FACTS = ("label", "specimen", "speed", "pressure", "sensitivity", "unit", "sample_rate")
-"""Facts that are edited."""
+"""Facts that can be edited."""
 BIN = 64
 """Samples of the finest extremes that are kept of a whole recording."""
-SPARK = 40
-"""Levels of a recording's sparkline."""
-_OPEN = 4
-_AT_ONCE = 1 << 23
-"""Samples of all channels that are read together."""
-_SPEED, _PRESSURE = 0.03, 0.06
-"""Relative differences up to which recordings are of one operating point."""
+SPARKLINE_PARTS = 40
+"""Values of a recording's sparkline."""
+
+_BLOCK_SAMPLES = BIN << 14
+"""Samples that are read together when the extremes of a whole recording are computed."""
+_MAX_CACHED_RECORDINGS = 4
+_MAX_SAMPLES_AT_ONCE = 1 << 23
+"""Samples of all channels up to which a recording is read as a whole (64 MB as float64)."""
+_SPEED_TOLERANCE = 0.03
+_PRESSURE_TOLERANCE = 0.06
+"""Relative differences up to which recordings share an operating point."""
 
 
 @dataclass
@@ -57,44 +63,53 @@ class Row:
 
     name: str
     """Id of its entry, or its file."""
-    stated: Mapping[str, Any] = field(default_factory=dict)
-    """What the index states of it."""
+    specified: Mapping[str, Any] = field(default_factory=dict)
+    """Facts that the index specifies."""
     entry: Entry | None = None
-    """The same, understood."""
+    """The same facts, parsed."""
     recording: Recording | None = None
-    """The recording, its samples in the file; None until it is opened, and where it cannot be."""
+    """The recording, its samples in the file; `None` until it is opened, or if it cannot be."""
     state: str = "waiting"
     """``waiting``, ``ready`` or ``broken``."""
     findings: list[dict[str, Any]] = field(default_factory=list)
-    """What is wrong with it."""
-    levels: list[float] = field(default_factory=list)
+    """What the inspection reported."""
+    rms: list[float] = field(default_factory=list)
     """Root mean square over all channels, along the recording."""
     revision: int = 0
-    """Number of the last change."""
+    """Number of its last change."""
 
     def to_dict(self) -> dict[str, Any]:
-        """What the page shows."""
-        shown: dict[str, Any] = {"name": self.name, "state": self.state, "findings": self.findings}
-        shown |= {"levels": self.levels, "stated": {key: self.stated.get(key) for key in FACTS}}
-        shown |= {key: self.stated.get(key) for key in ("label", "specimen", "file")}
-        if (recording := self.recording) is not None:
-            speed, pressure = specified_shaft_frequency(recording), specified_pressure(recording)
-            shown |= {
-                "label": recording.label,
-                "specimen": recording.specimen,
-                "id": recording.recording_id,
-            }
-            shown |= {
-                "rpm": speed and 60 * speed,
-                "mpa": None if math.isnan(pressure) else pressure / 1e6,
-            }
-            shown |= {
-                "channels": recording.channels,
-                "unit": recording.unit,
-                "rate": recording.sample_rate,
-            }
-            shown |= {"duration": recording.duration, "samples": recording.n_samples}
-        return shown
+        """Return the row as the page shows it."""
+        content: dict[str, Any] = {
+            "name": self.name,
+            "state": self.state,
+            "findings": self.findings,
+            "rms": self.rms,
+            "specified": {key: self.specified.get(key) for key in FACTS},
+            "label": self.specified.get("label"),
+            "specimen": self.specified.get("specimen"),
+            "file": self.specified.get("file"),
+        }
+        if self.recording is not None:
+            content |= _describe_recording(self.recording)
+        return content
+
+
+def _describe_recording(recording: Recording) -> dict[str, Any]:
+    shaft_hz = specified_shaft_frequency(recording)
+    pressure = specified_pressure(recording)
+    return {
+        "id": recording.recording_id,
+        "label": recording.label,
+        "specimen": recording.specimen,
+        "rpm": None if shaft_hz is None else 60 * shaft_hz,
+        "mpa": None if math.isnan(pressure) else pressure / 1e6,
+        "channels": recording.channels,
+        "unit": recording.unit,
+        "rate": recording.sample_rate,
+        "duration": recording.duration,
+        "samples": recording.n_samples,
+    }
 
 
 class Workspace:
@@ -103,50 +118,57 @@ class Workspace:
     Parameters
     ----------
     source : an index, a folder with or without one, a store, a file of a measurement, or a
-        calibration, beside whose file an index may lie.
+        calibration, which may have an index in its folder.
 
     Raises
     ------
     DataError
-        There is nothing to look at.
+        There is nothing to show.
     """
 
     def __init__(self, source: Path) -> None:
         self.source = source
         self.folder = source if source.is_dir() else source.parent
         self.calibration = source if source.suffix == ".json" else None
-        is_index = source.is_dir() or source.suffix in (".toml", ".json")
-        self.index = (
-            (source if source.suffix == ".toml" else self.folder / INDEX_NAME) if is_index else None
-        )
+        self.index = self._find_index()
         self.rows: dict[str, Row] = {}
         self.findings: list[dict[str, Any]] = []
         self.skipped: Sequence[str] = ()
         self.questions: dict[str, str] = {}
         self.revision = 0
         self._proposed: dict[str, Any] | None = None
-        self._stamp: tuple[int, int] | None = None
+        self._index_stamp: tuple[int, int] | None = None
         self._lock = threading.RLock()
         self._opened: OrderedDict[str, Recording] = OrderedDict()
         self._extremes: OrderedDict[str, Float32[np.ndarray, "channel bin 2"]] = OrderedDict()
         self._worker: threading.Thread | None = None
         self._is_shown = False
+
         if self.index is None:
-            self._take(
-                {}, [Row(item.recording_id, recording=item) for item in load_recordings(source)]
-            )
+            recordings = load_recordings(source)
+            self._replace_rows([Row(item.recording_id, recording=item) for item in recordings])
         elif source.is_dir() and not self.index.is_file():
             self.propose({})
         elif self.calibration is None or self.index.is_file():
             self.refresh()
 
+    def _find_index(self) -> Path | None:
+        """Return the path of the index, which need not exist; `None` for a store or a file."""
+        if self.source.suffix == ".toml":
+            return self.source
+        if self.source.is_dir() or self.calibration is not None:
+            return self.folder / INDEX_NAME
+        return None
+
     def propose(self, answers: Mapping[str, str]) -> None:
-        """Propose an index of the folder, in memory; `questions` are what neither the files nor
-        `answers` say.
+        """Propose an index of the folder, in memory.
+
+        Facts that are neither in the files nor in `answers` become `questions`.
         """
         self.questions = {}
 
         def ask(key: str, question: str) -> str | None:
+            # Without a pattern, labels stay empty; every other question needs an answer.
             if not answers.get(key) and key != "label_pattern":
                 self.questions[key] = question
             return answers.get(key) or None
@@ -157,245 +179,293 @@ class Workspace:
             if not self.questions:
                 raise
             return
-        self._proposed, self.skipped = dict(proposal.index), proposal.skipped
-        self._take(self._proposed, None)
+
+        self._proposed = dict(proposal.index)
+        self.skipped = proposal.skipped
+        self._replace_table(self._proposed)
 
     def refresh(self) -> None:
-        """Read the index again where its file changed."""
+        """Read the index again if its file changed."""
         if self.index is None or not self.index.is_file():
             return
+
         with self._lock:
             status = self.index.stat()
-            if self._stamp != (stamp := (status.st_mtime_ns, status.st_ino)):
-                self._take(read_index(self.index), None)
-                self._stamp = stamp
+            stamp = (status.st_mtime_ns, status.st_ino)
+            if stamp != self._index_stamp:
+                self._replace_table(read_index(self.index))
+                self._index_stamp = stamp
 
-    def _take(self, table: Mapping[str, Any], rows: list[Row] | None) -> None:
+    def _replace_table(self, table: Mapping[str, Any]) -> None:
+        defaults = table.get("defaults", {})
+        rows = [_parse_row({**defaults, **values}) for values in table.get("recording", ())]
+        self._replace_rows(rows, str(table.get("root", "")))
+
+    def _replace_rows(self, rows: Sequence[Row], root: str = "") -> None:
+        """Replace all rows; one whose facts are the same stays as it is, with its recording."""
         with self._lock:
-            old, self.rows = self.rows, {}
+            previous_rows = self.rows
+            self.rows = {row.name: row for row in rows}
             self.revision += 1
-            for values in table.get("recording", ()) if rows is None else ():
-                row = _row({**table.get("defaults", {}), **values})
-                self.rows[row.name] = row
-            for row in rows or ():
-                self.rows[row.name] = row
             for name, row in self.rows.items():
                 row.revision = self.revision
-                if (
-                    (before := old.get(name)) is not None
-                    and before.stated == row.stated
-                    and before.stated
-                ):
-                    self.rows[name] = before
+                previous_row = previous_rows.get(name)
+                is_unchanged = (
+                    previous_row is not None
+                    and bool(previous_row.specified)
+                    and previous_row.specified == row.specified
+                )
+                if previous_row is not None and is_unchanged:
+                    self.rows[name] = previous_row
                 else:
                     self._opened.pop(name, None)
                     self._extremes.pop(name, None)
-            self._root = resolve_index_path(self.folder, str(table.get("root", "")))
-            self._start()
 
-    def _start(self) -> None:
+            self._root = resolve_index_path(self.folder, root)
+            self._start_worker()
+
+    def _start_worker(self) -> None:
         if self._is_shown and (self._worker is None or not self._worker.is_alive()):
-            self._worker = threading.Thread(target=self._inspect, daemon=True)
+            self._worker = threading.Thread(target=self._inspect_all, daemon=True)
             self._worker.start()
 
-    def _inspect(self) -> None:
-        """Open and inspect each recording that waits, then compare all of them."""
+    def _inspect_all(self) -> None:
+        """Open and inspect each waiting recording, then compare all of them."""
         while True:
             with self._lock:
                 revision = self.revision
-                row = next((row for row in self.rows.values() if row.state == "waiting"), None)
-            if row is None:
+                waiting_rows = [row for row in self.rows.values() if row.state == "waiting"]
+            if not waiting_rows:
                 break
-            recording = row.recording
-            try:
-                recording = recording or self._open_entry(row)
-                (report,) = inspect_recordings([recording]).recordings
-                findings, state = [asdict(finding) for finding in report.findings], "ready"
-                power = np.mean([track**2 for track in level_track(recording, SPARK)], axis=0)
-                levels = [
-                    float(f"{value:.4g}") if math.isfinite(value) else 0.0
-                    for value in np.sqrt(power)
-                ]
-            except (SwashTwinError, OSError) as cause:
-                levels, state = [], "broken"
-                findings = [
-                    {
-                        "kind": "unreadable",
-                        "severity": "error",
-                        "channel": None,
-                        "message": str(cause),
-                    }
-                ]
-            with self._lock:
-                row.findings, row.levels, row.state = findings, levels, state
-                row.recording = None if recording is None else recording.unloaded()
-                self.revision += 1
-                row.revision = self.revision
-            time.sleep(0)  # who looks at a figure goes first
-        ready = [
-            row.recording
-            for row in self.rows.values()
-            if row.state == "ready" and row.recording is not None
-        ]
-        try:
-            findings = (
-                [asdict(finding) for finding in inspect_recordings(Recordings(ready)).findings]
-                if ready
-                else []
-            )
-        except (SwashTwinError, OSError) as cause:
-            findings = [
-                {
-                    "kind": "comparison",
-                    "severity": "warning",
-                    "channel": None,
-                    "message": str(cause),
-                }
-            ]
+            self._inspect(waiting_rows[0])
+            time.sleep(0)  # requests of the page go first
+
+        findings = self._compare_recordings()
         with self._lock:
             self.findings = findings
+            # Rows may have changed while they were compared.
             if self.revision > revision:
                 self._worker = None
-                self._start()
+                self._start_worker()
             self.revision += 1
 
+    def _inspect(self, row: Row) -> None:
+        recording = row.recording
+        rms: list[float] = []
+        try:
+            recording = recording or self._open_entry(row)
+            (report,) = inspect_recordings([recording]).recordings
+            findings = [asdict(finding) for finding in report.findings]
+            rms = _sparkline(recording)
+            state = "ready"
+        except (SwashTwinError, OSError) as cause:
+            findings = [_finding("unreadable", "error", cause)]
+            state = "broken"
+
+        with self._lock:
+            row.findings = findings
+            row.rms = rms
+            row.state = state
+            row.recording = None if recording is None else recording.unloaded()
+            self.revision += 1
+            row.revision = self.revision
+
+    def _compare_recordings(self) -> list[dict[str, Any]]:
+        """Return findings that concern several recordings."""
+        recordings = [recording for _, recording in self.ready_recordings()]
+        if not recordings:
+            return []
+        try:
+            return [
+                asdict(finding) for finding in inspect_recordings(Recordings(recordings)).findings
+            ]
+        except (SwashTwinError, OSError) as cause:
+            return [_finding("comparison", "warning", cause)]
+
     def _open_entry(self, row: Row) -> Recording:
-        if row.entry is None:  # refused before
-            Entry.from_mapping(row.stated, str(self.index))
-        assert row.entry is not None
-        return load_entry(resolve_index_path(self._root, row.entry.file), row.entry)
+        # An entry that was refused is parsed again, which raises the error again.
+        entry = row.entry or Entry.from_mapping(row.specified, str(self.index))
+        return load_entry(resolve_index_path(self._root, entry.file), entry)
 
     def table(self, since: int = -1) -> dict[str, Any]:
-        """Rows that changed after a revision, the names of all, and what is known of the whole."""
+        """Return rows that changed after a revision, the names of all, and facts of the whole."""
         self.refresh()
         with self._lock:
-            rows = [row.to_dict() for row in self.rows.values() if row.revision > since]
-            waiting = sum(row.state == "waiting" for row in self.rows.values())
-            facts: dict[str, Any] = {"revision": self.revision, "waiting": waiting, "rows": rows}
-            facts |= {
+            is_editable = self.index is not None and bool(self.rows)
+            content = {
+                "revision": self.revision,
+                "waiting": sum(row.state == "waiting" for row in self.rows.values()),
+                "rows": [row.to_dict() for row in self.rows.values() if row.revision > since],
                 "names": list(self.rows),
                 "findings": self.findings,
                 "skipped": list(self.skipped),
+                "source": str(self.source),
+                "questions": self.questions,
+                "editable": is_editable,
+                "unwritten": is_editable and self._index_stamp is None,
             }
-            facts |= {"source": str(self.source), "questions": self.questions}
-            editable = self.index is not None and bool(self.rows)
-            if not self._is_shown:  # the first picture does not wait for the inspection
+            # The first table is sent before the inspection starts, so that it appears at once.
+            if not self._is_shown:
                 self._is_shown = True
-                self._start()
-            return {**facts, "editable": editable, "unwritten": editable and self._stamp is None}
+                self._start_worker()
+            return content
 
     def change(self, changes: Sequence[FactChange], *, undo: bool) -> None:
         """Write changed facts into the index."""
         if self.index is None:
-            raise InputError(
-                f"{self.source} is no index, and facts are edited in one; explore its folder instead."
-            )
+            raise InputError(f"{self.source} is not an index. Explore its folder to edit facts.")
         change_facts(self.index, changes, proposed=self._proposed, undo=undo)
         self.refresh()
 
     def recording(self, name: str) -> Recording:
-        """A recording by the name of its row, open; the last few stay so."""
+        """Return an open recording by the name of its row; the last few stay open."""
         with self._lock:
-            if name not in self.rows:
-                raise InputError(f"there is no recording {name[:200]!r} any more.")
+            row = self.rows.get(name)
+            if row is None:
+                raise InputError(f"There is no recording {name[:200]!r}.")
             if name in self._opened:
                 self._opened.move_to_end(name)
                 return self._opened[name]
-            row = self.rows[name]
-        recording = row.recording.unloaded() if row.recording is not None else self._open_entry(row)
+
+        # Read without the lock: a large file must not hold up other requests.
+        recording = self._open_entry(row) if row.recording is None else row.recording.unloaded()
         with self._lock:
             self._opened[name] = recording
-            while len(self._opened) > _OPEN:
+            while len(self._opened) > _MAX_CACHED_RECORDINGS:
                 self._opened.popitem(last=False)
         return recording
+
+    def ready_recordings(self) -> list[tuple[str, Recording]]:
+        """Return name and recording of each row that was read without error."""
+        return [
+            (row.name, row.recording)
+            for row in list(self.rows.values())
+            if row.state == "ready" and row.recording is not None
+        ]
 
     def extremes(
         self, name: str, width: int, start: int, count: int
     ) -> Float32[np.ndarray, "channel bin 2"]:
-        """Least and greatest sample of each of `count` bins of `width` samples from bin `start` on,
-        fewer at the end.
+        """Return the smallest and largest sample of each of `count` bins, fewer at the end.
 
         Parameters
         ----------
-        width : samples of a bin: 1, or a multiple of `BIN`; of other widths there are none.
+        width : samples of a bin: fewer than `BIN`, or a multiple of it.
+        start : number of the first bin.
         """
         recording = self.recording(name)
-        if width < BIN:
-            first, last = start * width, min((start + count) * width, recording.n_samples)
-            signal = (
-                recording.slice(first, last).signal
-                if first < last
-                else np.zeros((recording.n_channels, 0))
-            )
-            return _binned(np.stack([signal, signal], axis=-1), width)
+        if width >= BIN:
+            bins_per_bin = width // BIN
+            whole = self._whole_extremes(name, recording)
+            part = whole[:, start * bins_per_bin : (start + count) * bins_per_bin]
+            return _merge_bins(part, bins_per_bin)
+
+        end = min((start + count) * width, recording.n_samples)
+        if start * width >= end:
+            signal = np.zeros((recording.n_channels, 0))
+        else:
+            signal = recording.slice(start * width, end).signal
+        return _merge_bins(np.stack([signal, signal], axis=-1), width)
+
+    def _whole_extremes(
+        self, name: str, recording: Recording
+    ) -> Float32[np.ndarray, "channel bin 2"]:
+        """Return the extremes of all bins of `BIN` samples; the last few recordings' are kept."""
         with self._lock:
-            whole = self._extremes.get(name)
-        if whole is None:
-            step = BIN << 14
-            parts = [recording.slice(at, min(at + step, recording.n_samples)).signal
-                     for at in range(0, recording.n_samples, step)]  # fmt: skip
-            whole = np.concatenate(
-                [_binned(np.stack([part, part], axis=-1), BIN) for part in parts], axis=1
-            )
-            with self._lock:
-                self._extremes[name] = whole
-                while len(self._extremes) > _OPEN:
-                    self._extremes.popitem(last=False)
-        ratio = width // BIN
-        return _binned(whole[:, start * ratio : (start + count) * ratio], ratio)
+            extremes = self._extremes.get(name)
+        if extremes is not None:
+            return extremes
 
-    def alike(self, name: str, *, healthy: bool = False) -> list[str]:
-        """Other recordings of the same machine, operating point and channels: of the same class, or
-        healthy ones.
+        blocks = []
+        for start in range(0, recording.n_samples, _BLOCK_SAMPLES):
+            end = min(start + _BLOCK_SAMPLES, recording.n_samples)
+            signal = recording.slice(start, end).signal
+            blocks.append(_merge_bins(np.stack([signal, signal], axis=-1), BIN))
+        extremes = np.concatenate(blocks, axis=1)
+
+        with self._lock:
+            self._extremes[name] = extremes
+            while len(self._extremes) > _MAX_CACHED_RECORDINGS:
+                self._extremes.popitem(last=False)
+        return extremes
+
+    def comparable(self, name: str, *, healthy: bool = False) -> list[str]:
+        """Return recordings of the same machine, operating point and channels.
+
+        Parameters
+        ----------
+        healthy : whether healthy recordings are returned, or those of the same class.
         """
-        own = self.rows[name].recording
-        return [
-            row.name
-            for row in list(self.rows.values())
-            if own is not None and row.name != name and (other := row.recording) is not None and row.state == "ready"
-            and (is_healthy(other.label or "") if healthy else other.label == own.label)
-            and other.specimen == own.specimen
-            and (other.channels, other.unit, other.sample_rate) == (own.channels, own.unit, own.sample_rate)
-            and values_match(specified_shaft_frequency(other) or math.nan, specified_shaft_frequency(own) or math.nan, _SPEED)
-            and values_match(specified_pressure(other), specified_pressure(own), _PRESSURE)
-        ]  # fmt: skip
+        reference = self.rows[name].recording
+        if reference is None:
+            return []
+
+        names = []
+        for candidate_name, candidate in self.ready_recordings():
+            if healthy:
+                has_class = is_healthy(candidate.label or "")
+            else:
+                has_class = candidate.label == reference.label
+            if candidate_name != name and has_class and _are_comparable(candidate, reference):
+                names.append(candidate_name)
+        return names
 
 
-def _row(stated: Mapping[str, Any]) -> Row:
-    name = str(stated.get("id") or stated.get("file"))
-    stated = json.loads(json.dumps(stated, default=str))  # dates of TOML
+def _are_comparable(a: Recording, b: Recording) -> bool:
+    if a.specimen != b.specimen:
+        return False
+    if (a.channels, a.unit, a.sample_rate) != (b.channels, b.unit, b.sample_rate):
+        return False
+
+    speed_a = specified_shaft_frequency(a) or math.nan
+    speed_b = specified_shaft_frequency(b) or math.nan
+    is_same_pressure = values_match(
+        specified_pressure(a), specified_pressure(b), _PRESSURE_TOLERANCE
+    )
+    return bool(values_match(speed_a, speed_b, _SPEED_TOLERANCE) and is_same_pressure)
+
+
+def _parse_row(specified: Mapping[str, Any]) -> Row:
+    name = str(specified.get("id") or specified.get("file"))
+    # TOML has dates, which become text as in JSON.
+    specified = json.loads(json.dumps(specified, default=str))
     try:
-        return Row(name, stated, Entry.from_mapping(stated, name))
+        return Row(name, specified, Entry.from_mapping(specified, name))
     except SwashTwinError as cause:
-        finding = {
-            "kind": "unreadable",
-            "severity": "error",
-            "channel": None,
-            "message": str(cause),
-        }
-        return Row(name, stated, state="broken", findings=[finding])
+        findings = [_finding("unreadable", "error", cause)]
+        return Row(name, specified, state="broken", findings=findings)
 
 
-def level_track(recording: Recording, count: int) -> Float64[np.ndarray, "channel part"]:
-    """Root mean square of each channel, its mean taken off, in `count` equal parts of a
-    recording.
-    """
-    edges = np.linspace(0, recording.n_samples, min(count, recording.n_samples) + 1).astype(int)
-    is_short = recording.n_samples * recording.n_channels <= _AT_ONCE
-    whole = recording.slice(0, recording.n_samples).signal if is_short else None
-    parts = (
-        recording.slice(*ends).signal if whole is None else whole[:, slice(*ends)]
-        for ends in pairwise(edges)
-    )
-    return np.stack([part.std(axis=1) for part in parts], axis=1)
+def _finding(kind: str, severity: str, cause: Exception) -> dict[str, Any]:
+    return {"kind": kind, "severity": severity, "channel": None, "message": str(cause)}
 
 
-def _binned(extremes: np.ndarray, width: int) -> Float32[np.ndarray, "channel bin 2"]:
-    """Extremes of bins of `width` extremes, the last one of what is left."""
-    at = np.arange(0, extremes.shape[1], width)
-    if width == 1 or not at.size:
+def _sparkline(recording: Recording) -> list[float]:
+    """Return the root mean square over all channels in equal parts of a recording."""
+    power = np.mean([track**2 for track in rms_track(recording, SPARKLINE_PARTS)], axis=0)
+    # JSON has no NaN, and four digits are more than a sparkline shows.
+    return [float(f"{value:.4g}") if math.isfinite(value) else 0.0 for value in np.sqrt(power)]
+
+
+def rms_track(recording: Recording, count: int) -> Float64[np.ndarray, "channel part"]:
+    """Return the root mean square of each channel, without its mean, in equal parts."""
+    parts = min(count, recording.n_samples)
+    edges = np.linspace(0, recording.n_samples, parts + 1).astype(int)
+    if recording.n_samples * recording.n_channels <= _MAX_SAMPLES_AT_ONCE:
+        signal = recording.slice(0, recording.n_samples).signal
+        tracks = [signal[:, start:end].std(axis=1) for start, end in pairwise(edges)]
+    else:
+        tracks = [recording.slice(start, end).signal.std(axis=1) for start, end in pairwise(edges)]
+    return np.stack(tracks, axis=1)
+
+
+def _merge_bins(extremes: np.ndarray, bins_per_bin: int) -> Float32[np.ndarray, "channel bin 2"]:
+    """Merge groups of neighboring bins into one each; the last group may be smaller."""
+    starts = np.arange(0, extremes.shape[1], bins_per_bin)
+    if bins_per_bin == 1 or not starts.size:
         return extremes.astype(np.float32)
-    least = np.fmin.reduceat(extremes[..., 0], at, axis=1)
-    return np.stack([least, np.fmax.reduceat(extremes[..., 1], at, axis=1)], axis=-1).astype(
-        np.float32
-    )
+
+    # fmin and fmax skip NaN, so a gap hides no samples.
+    minima = np.fmin.reduceat(extremes[..., 0], starts, axis=1)
+    maxima = np.fmax.reduceat(extremes[..., 1], starts, axis=1)
+    return np.stack([minima, maxima], axis=-1).astype(np.float32)

@@ -51,7 +51,7 @@ export async function diagnoseRoom(place, values) {
       const areas = spectrum.healthy?.length ? split(spectrum.low).map((low, n) => ({ low, high: split(spectrum.high)[n] })) : [];
       const end = Math.min(spectrum.step * spectrum.lines, Math.max(3000, 1.2 * Math.max(0, ...found.bands.map((band) => (band.high < 20000 ? band.high : 0)))));
       const chart = new Chart({ title: `Spectrum${found.bands.length ? " with the evidence marked" : ""}${areas.length ? ", over healthy ones" : ""}`, x: "Hz", y: spectrum.unit, unit: spectrum.unit, log: true, shaft: spectrum.shaft, limits: [0, spectrum.step * spectrum.lines], view: [0, end], areas, series: split(spectrum.amplitude),
-        marks: found.bands.map((band) => [(band.low + band.high) / 2, `${band.words.split(" (")[0]}, ${band.channel}`, true]),
+        marks: found.bands.map((band) => [(band.low + band.high) / 2, `${band.description.split(" (")[0]}, ${band.channel}`, true]),
         over: (pen, { across, color, bottom }) => { for (const band of found.bands) pen.line([across(band.low), 30, across(band.high), 30, across(band.high), bottom, across(band.low), bottom], "", { fill: `${color("amber")}22` }); } });
       figure.replaceChildren(chart.element);
     }, figure);

@@ -65,7 +65,7 @@ async function poll() {
 export const FACTS = { label: "Class", specimen: "Machine", speed: "Speed", pressure: "Pressure", sensitivity: "Sensitivity", unit: "Unit", sample_rate: "Sample rate" };
 
 export async function change(names, fact, value) {
-  const changes = names.map((name) => ({ entry: name, fact, previous: state.rows.get(name).stated[fact] ?? null, value: value || null }))
+  const changes = names.map((name) => ({ entry: name, fact, previous: state.rows.get(name).specified[fact] ?? null, value: value || null }))
     .filter(({ previous }) => String(previous ?? "") !== String(value ?? ""));
   if (!changes.length) return;
   await write(changes, false);
@@ -85,14 +85,14 @@ async function undo() {
   const changes = state.undo.pop();
   if (!changes) return;
   const text = (value) => (Array.isArray(value) ? value.join(", ") : value);
-  await write(changes.map(({ entry, fact, previous }) => ({ entry, fact, previous: state.rows.get(entry)?.stated[fact] ?? null, value: text(previous) })), true);
+  await write(changes.map(({ entry, fact, previous }) => ({ entry, fact, previous: state.rows.get(entry)?.specified[fact] ?? null, value: text(previous) })), true);
   say("The last change is undone.");
 }
 
 export function factCell(row, fact) {
   // a fact that becomes a field when it is clicked; of a selected recording it is that of all selected ones
   const shown = { label: row.label, specimen: row.specimen, speed: row.rpm && `${short(row.rpm, 4)} rpm`, pressure: row.mpa && `${short(row.mpa, 4)} MPa` }[fact];
-  const stated = row.stated[fact];
+  const stated = row.specified[fact];
   const text = (Array.isArray(stated) ? stated.join(", ") : stated) ?? shown ?? "";
   if (!state.editable) return text || "—";
   const button = h("button", { class: "cell", title: `Edit ${FACTS[fact].toLowerCase()}`, onclick: (event) => { event.stopPropagation(); edit(); } }, String(shown ?? text) || "—");
@@ -164,9 +164,9 @@ const COLUMNS = [
   ["rpm", "Speed", (row) => row.rpm ?? -1, (row) => factCell(row, "speed")],
   ["mpa", "Pressure", (row) => row.mpa ?? -1, (row) => factCell(row, "pressure")],
   ["duration", "Length", (row) => row.duration ?? -1, (row) => (row.duration ? `${short(row.duration)} s` : "—")],
-  ["level", "Level", (row) => Math.max(0, ...row.levels), (row) => spark(row.levels)],
+  ["level", "Level", (row) => Math.max(0, ...row.rms), (row) => spark(row.rms)],
 ];
-const MORE = ["sensitivity", "unit", "sample_rate"].map((fact) => [fact, FACTS[fact], (row) => String(row.stated[fact] ?? ""), (row) => factCell(row, fact)]);
+const MORE = ["sensitivity", "unit", "sample_rate"].map((fact) => [fact, FACTS[fact], (row) => String(row.specified[fact] ?? ""), (row) => factCell(row, fact)]);
 
 function recordingsRoom(place, values) {
   state.filter = values.filter ?? state.filter;

@@ -114,7 +114,7 @@ export async function recordingRoom(place, values) {
   const propose = h("button", { class: "small", onclick: () => attempt(async () => {
     const pistons = chosen.pistons || 7;
     const speed = await ask("speed", { name, pistons });
-    proposal.replaceChildren(`The lines of ${pistons} pistons are those of ${short(speed.rpm, 5)} rpm (${Math.round(100 * speed.sure)} % clear). `,
+    proposal.replaceChildren(`The lines of ${pistons} pistons are those of ${short(speed.rpm, 5)} rpm (${Math.round(100 * speed.clarity)} % clear). `,
       state.editable ? h("button", { class: "small", onclick: () => { proposal.replaceChildren(); import("./explorer.js").then(({ change }) => change([name], "speed", `${short(speed.rpm, 5)} rpm`)); } }, "Take it over") : "");
   }, proposal) }, "Speed from the lines");
   const proposal = h("span", { role: "status" });
@@ -156,7 +156,7 @@ export async function recordingRoom(place, values) {
     holders.wave.chart = wave;
   }
   async function drawLevel() {
-    const level = await ask("levels", { name });
+    const level = await ask("rms", { name });
     show(holders.level, new Chart({ title: "Level against time (RMS)", x: "s", y: level.unit, unit: level.unit, height: 150, limits: [0, row.duration], series: colored(row.channels, level.amplitude, level.step) }));
   }
   const details = () => ({ name, pistons: chosen.pistons, bodies: chosen.bodies, ratio: chosen.ratio, healthy: chosen.healthy ? "true" : "" });

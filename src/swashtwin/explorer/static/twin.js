@@ -127,7 +127,7 @@ export async function twinRoom(place, values) {
     saving.hidden = !known.starts.includes("result");
   }
   const others = h("input", { type: "checkbox", checked: true });
-  const calibrate = h("button", { class: "primary", onclick: () => attempt(async () => { await send("twin_calibrate", { setting, others: others.checked }); follow.isMine = true; follow(); }) }, "Calibrate from here");
+  const calibrate = h("button", { class: "primary", onclick: () => attempt(async () => { await send("twin_calibrate", { setting, comparable: others.checked }); follow.isMine = true; follow(); }) }, "Calibrate from here");
   const form = (title, fields, button, work) => h("details", { class: "card" }, h("summary", {}, title), h("form", { class: "stack", onsubmit: (event) => { event.preventDefault(); say("Working …"); attempt(() => work(Object.fromEntries(new FormData(event.target)))); } },
     fields.map(([name, words, hint, value = ""]) => h("label", {}, words, " ", h("input", { name, placeholder: hint, value, required: name !== "mass" }))), h("button", {}, button)));
   const saving = form("Save the calibration", [["name", "Name", "calibration", "calibration"]], "Save", async ({ name }) => { const { file } = await send("twin_save", { name }); say(`${file} is written beside the recordings.`); Object.assign(known, await ask("twin_starts")); menu(); });

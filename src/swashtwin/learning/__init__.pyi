@@ -41,7 +41,6 @@ from .healthy.healthy_baseline import find_inliers as find_inliers
 from .healthy.healthy_baseline import measure_baseline as measure_baseline
 from .networks.band_power_network import BandPowerNetwork as BandPowerNetwork
 from .networks.bitcn import BiTCN as BiTCN
-from .networks.bitcn import Branch as Branch
 from .networks.network import Network as Network
 from .networks.network import batches as batches
 from .networks.registry import BUILT_IN as BUILT_IN
@@ -51,6 +50,7 @@ from .networks.registry import default_settings as default_settings
 from .networks.registry import network_class as network_class
 from .networks.registry import rebuild_network as rebuild_network
 from .networks.registry import register_network as register_network
+from .networks.residual_branch import Branch as Branch
 from .networks.solved_network import SolvedNetwork as SolvedNetwork
 from .networks.tree_network import Forest as Forest
 from .onnx_graph import onnx_model as onnx_model

@@ -11,16 +11,13 @@ from hypothesis import strategies as some
 from small_machine import Machine
 
 from swashtwin.foundation import DataError, MPa, rpm, to_table
-from swashtwin.monitoring.alarms.baseline import (
-    OperatingPoint,
-    baseline_band_powers,
-    match_operating_point,
-)
+from swashtwin.monitoring.alarms.baseline import baseline_band_powers
 from swashtwin.monitoring.alarms.monitor import (
     OperatingPointJudgment,
     OperatingPointMonitor,
     OperatingPointState,
 )
+from swashtwin.monitoring.alarms.operating_point import OperatingPoint, match_operating_point
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 

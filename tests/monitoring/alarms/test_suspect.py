@@ -24,13 +24,14 @@ from swashtwin.monitoring import (
     WatchConfig,
     run_watch,
 )
-from swashtwin.monitoring.alarms.baseline import OperatingPoint, read_baseline
+from swashtwin.monitoring.alarms.baseline import load_baseline
+from swashtwin.monitoring.alarms.operating_point import OperatingPoint
 from swashtwin.monitoring.alarms.suspect import (
     PriorNotAdaptedError,
-    SeverityRequest,
     Suspect,
     Suspects,
 )
+from swashtwin.monitoring.alarms.suspect_severity import SeverityRequest
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.page.watch_page import build_watch_page
 from swashtwin.monitoring.service import severities
@@ -169,7 +170,7 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
     ) -> dict[str, object]:
         machine = Machine(name="pump-1", pistons=pistons, calibration=plant.calibration)
         healthy = tuple(plant.worn.parent.glob("A_normal*"))
-        return SeverityRequest(machine, label, worn, healthy).answer()
+        return SeverityRequest(machine, label, worn, healthy).measure()
 
     found = measured("piston")  # the pump has a recess
     assert found["verdict"] == "not detected"
@@ -183,12 +184,12 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
         at_speed(1).replace(condition=AT_15.replace(discharge_pressure=1e7)), tmp_path / "a.h5"
     )
     for facts, words in (
-        ({"label": "other"}, "no such fault"),
+        ({"label": "other"}, "no fault of the class"),
         ({"label": "piston", "pistons": 9}, "another pump, 25scy14-1b"),
-        ({"label": "piston", "worn": None}, "not kept any more"),
+        ({"label": "piston", "worn": None}, "were not kept"),
         (
             {"label": "piston", "worn": elsewhere},
-            "is at 860 rpm, 15 MPa, the recording at 860 rpm, 10 MPa",
+            "is for 860 rpm, 15 MPa, but the recording is at 860 rpm, 10 MPa",
         ),
     ):
         with pytest.raises(DataError, match=words):
@@ -249,10 +250,10 @@ def test_where_no_suspect_can_be_named_it_is_said_why(
     damaged.write_bytes(b"no prior")
     pump = Machine(name="pump-1", pistons=PISTONS)
     for machine, recording, known, point, words in (
-        (Machine(name="pump-1"), loud, state, POINT, "add pump or pistons"),
-        (pump, loud, state, OperatingPoint(None, None), "its speed is not known"),
-        (pump, loud, learned(None), POINT, "learned without its pistons"),
-        (pump, loud, learned(9), POINT, "learned without its pistons"),
+        (Machine(name="pump-1"), loud, state, POINT, "Add pump or pistons"),
+        (pump, loud, state, OperatingPoint(None, None), "the speed is not known"),
+        (pump, loud, learned(None), POINT, "learned without the piston count"),
+        (pump, loud, learned(9), POINT, "learned without the piston count"),
         (pump, loud.slice(0, 1024), learned(9), POINT, "lasts 0.2 s"),
         (pump, loud, state, POINT, "has no x but cover_z"),
         (
@@ -280,7 +281,7 @@ def test_levels_of_the_prior_are_those_of_the_recordings_that_were_learned(tmp_p
             .state
         )
         table = json.loads(json.dumps(to_table(state.baseline)).replace("NaN", "null"))
-        state = replace(state, baseline=read_baseline(table))
+        state = replace(state, baseline=load_baseline(table))
     assert state is not None
     assert state.baseline.dropped == 1
     assert state.baseline.orders.shape == (6, 2 * 77)

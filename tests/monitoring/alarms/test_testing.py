@@ -13,10 +13,10 @@ from swashtwin.foundation import from_table, to_table
 from swashtwin.learning import wilson_interval
 from swashtwin.monitoring.alarms.monitor import (
     N_BETS,
-    PERSISTENCE,
+    N_PERSISTENT,
+    N_QUIET,
+    N_RECENT,
     POWERS,
-    QUIET,
-    RECENT,
     AlarmState,
     ConformalTest,
     payoffs,
@@ -36,7 +36,7 @@ def run(
     test, capital = ConformalTest.calibrated(pairs[:learning]), []
     for score, large in pairs[learning:]:
         p_value = test.p_value(score, large, rng.random())
-        test = test.after(score, large, p_value if large else 1.0)
+        test = test.bet(score, large, p_value if large else 1.0)
         capital.append(test.capital)
     return np.array(capital)
 
@@ -58,7 +58,7 @@ def test_bets_at_a_p_value_of_one_percent_have_the_values_of_a_hand_calculation(
 
 
 def test_the_first_bet_stakes_half_of_the_capital() -> None:
-    test = ConformalTest.calibrated([(1.0, False)]).after(5.0, True, 0.01)
+    test = ConformalTest.calibrated([(1.0, False)]).bet(5.0, True, 0.01)
     assert test.capital == pytest.approx(0.5 + 0.5 * payoffs(0.01, 0.5).mean())
 
 
@@ -111,8 +111,8 @@ def test_a_test_that_went_through_json_goes_on_as_if_it_had_not(
 ) -> None:
     test = other = ConformalTest.calibrated([(0.5, False), (0.0, False), (2.0, True)])
     for step in steps:
-        test = test.after(*step)
-        other = from_table(json.loads(json.dumps(to_table(other.after(*step)))), ConformalTest)
+        test = test.bet(*step)
+        other = from_table(json.loads(json.dumps(to_table(other.bet(*step)))), ConformalTest)
     assert other.capital == test.capital
     assert other.n_scores == 3 + len(steps)
     assert other.p_value(1.0, True, 0.3) == test.p_value(1.0, True, 0.3)
@@ -127,8 +127,8 @@ def test_a_bet_at_one_in_place_of_a_p_value_never_raises_the_capital(
     """
     test = guarded = ConformalTest.calibrated([(1.0, False)])
     for is_large, p_value in steps:
-        test = test.after(1.0, is_large, p_value)
-        guarded = guarded.after(1.0, is_large, p_value if is_large else 1.0)
+        test = test.bet(1.0, is_large, p_value)
+        guarded = guarded.bet(1.0, is_large, p_value if is_large else 1.0)
         assert guarded.capital <= test.capital * (1 + 1e-12)
 
 
@@ -150,10 +150,10 @@ def test_a_condition_is_raised_by_persistence_with_evidence_and_cleared_by_quiet
     condition, events = AlarmState(), []
     for number, (is_large, is_proven) in enumerate(course):
         was_active = condition.is_active
-        condition, change = condition.after(is_large, is_proven=is_proven)
+        condition, change = condition.update(is_large, is_proven=is_proven)
         before = [large for large, _ in course[: number + 1]]
-        is_quiet = len(before) >= QUIET and not any(before[-QUIET:])
+        is_quiet = len(before) >= N_QUIET and not any(before[-N_QUIET:])
         assert (change == "cleared") == (was_active and is_quiet)
-        assert change != "raised" or (is_proven and sum(before[-RECENT:]) >= PERSISTENCE)
+        assert change != "raised" or (is_proven and sum(before[-N_RECENT:]) >= N_PERSISTENT)
         events += [change] if change else []
     assert events == [("raised", "cleared")[n % 2] for n in range(len(events))]

@@ -105,7 +105,7 @@ def test_a_recording_with_a_dead_sensor_says_so_and_has_no_spectrum(
     identity = newest(plant, "presse-4")
     text = client.get(f"/recordings/{identity}").text
     assert text.count("channel y does not move") == 2  # in its alarm, and as evidence
-    assert "no verdict on the pump" in text
+    assert "No verdict on the pump" in text
     assert "Normal" not in text
     assert '<svg class="drawing"' not in text
 

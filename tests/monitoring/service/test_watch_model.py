@@ -54,7 +54,7 @@ def judge(
     """An alarm whose only evidence is the first sample: large or not."""
     condition = state.pump if state is not None else AlarmState()
     is_large = bool(recording.signal[0, 0] > 0)
-    after, change = condition.after(is_large)
+    after, change = condition.update(is_large)
     baseline = OperatingPointBaseline.empty(BandPowerLayout(1.0, ("x",), "", 2, 0))
     state = OperatingPointState(baseline, ConformalTest({}), after, AlarmState())
     return OperatingPointJudgment(
@@ -107,7 +107,7 @@ class WatchModel(RuleBasedStateMachine):
         file = self.spool.next(0)
         self.pipeline.judge(file)
         self.filed.append(str(self.count))
-        self.condition, change = self.condition.after(is_large)
+        self.condition, change = self.condition.update(is_large)
         if change == "raised":
             self.opened += self.alarm is None
             self.alarm, self.is_cleared = self.alarm or "open", False

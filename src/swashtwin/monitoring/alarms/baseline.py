@@ -1,12 +1,13 @@
-"""Operating points of a machine, and the healthy baseline of each: median and scatter of every
-level, learned from its first recordings.
+"""The healthy baseline of an operating point: median and scatter of each band power.
+
+It is learned from the first recordings of the machine at the operating point.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -15,321 +16,280 @@ from jaxtyping import Float64
 from swashtwin.diagnosis import order_band_powers
 from swashtwin.foundation import DataError, from_table
 from swashtwin.learning import BandPowerLayout, Deviation, band_power_layout
-from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, values_match
-from swashtwin.recordings import Recording, specified_pressure, specified_shaft_frequency
+from swashtwin.recordings import Recording
 from swashtwin.signals import OrderBands
 
-if TYPE_CHECKING:
-    from swashtwin.monitoring.history.schema import OperatingPointRow
+IGNORED_CHANGE_DB = 3.0
+"""Change of a band power that does not count, as protection from drift by load and temperature."""
+N_CHANGES = 5
+"""Largest changes of which the mean is taken: a single faint band changes far by chance."""
+LARGE_CHANGE_DB = 6.0
+"""Mean change of the `N_CHANGES` bands that makes a recording large: twice the amplitude."""
+LARGE_CHANGE_SPREADS = 5.0
+"""Mean change of the `N_CHANGES` bands, over their scatter, that makes a recording large."""
+MAX_LEARNED_CHANGE_DB = 12.0
+"""Mean change of the `N_CHANGES` bands furthest from the median of the other recordings, from which
+on a recording is not learned from.
+"""
+MIN_SPREAD_DB = 1.0
+"""Standard deviation that is added to that of each band power (as a variance): twenty recordings of
+one day show less scatter than the machine has.
+"""
+MIN_COMPARED_RECORDINGS = 5
+"""Recordings from which on they are compared with each other while the baseline is learned: of
+fewer, the median does not show which one deviates.
+"""
+MIN_CHANNEL_SPREAD_DB = 3.0
+"""Minimum standard deviation of a band power when channels are compared with each other."""
+MAD_TO_STANDARD_DEVIATION = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+N_CACHED_LAYOUTS = 256
+"""Layouts whose band names are remembered, one for each operating point in use."""
 
 
-@dataclass(frozen=True)
-class OperatingPoint:
-    """Speed and discharge pressure that recordings are compared at."""
+@dataclass(frozen=True, eq=False)
+class OperatingPointBaseline:
+    """Band powers of the healthy recordings of one operating point, complete or being learned."""
 
-    speed: float | None
-    """Angular speed of the shaft [rad/s], or None where it is not stated."""
-    pressure: float | None
-    """Discharge pressure [Pa], or None where it is not stated."""
+    layout: BandPowerLayout
+    """Which band powers."""
+    shortest: int
+    """Samples of the shortest recording that was learned from."""
+    rows: Float64[np.ndarray, "recording band"] = field(repr=False)
+    """Band powers [dB, to a thousandth] of the recordings that were learned from."""
+    is_complete: bool = False
+    """Whether enough recordings were learned from."""
+    dropped: int = 0
+    """Recordings that were not learned from because they deviated from the others."""
+    orders: Float64[np.ndarray, "recording order_band"] = field(
+        default_factory=lambda: np.empty((0, 0)), repr=False
+    )
+    """Band powers of the same recordings that a pump prior compares (`measure_orders`)."""
+    pistons: int | None = None
+    """Piston count for which `orders` were measured; None if they were not measured."""
 
     @classmethod
-    def of(cls, recording: Recording) -> "OperatingPoint":
-        """What a recording states."""
-        shaft, pressure = specified_shaft_frequency(recording), specified_pressure(recording)
-        return cls(
-            2 * math.pi * shaft if shaft else None, None if math.isnan(pressure) else pressure
+    def empty(cls, layout: BandPowerLayout) -> "OperatingPointBaseline":
+        """Return a baseline that has learned nothing."""
+        return cls(layout, 0, np.empty((0, len(layout.band_powers))))
+
+    @cached_property
+    def median(self) -> Float64[np.ndarray, " band"]:
+        """Median of each band power [dB]."""
+        return np.asarray(np.median(self.rows, axis=0))
+
+    @cached_property
+    def spread(self) -> Float64[np.ndarray, " band"]:
+        """Standard deviation of each band power [dB], from the median absolute deviation."""
+        return _spread(self.rows, self.median)
+
+    @cached_property
+    def max_channel_distances(self) -> Float64[np.ndarray, " channel"]:
+        """Greatest distance of each channel from its own baseline, among the recordings that were
+        learned from.
+        """
+        distances = [np.diag(self.channel_distances(row)) for row in self.rows]
+        return np.max(distances, axis=0)
+
+    def measure(self, recording: Recording) -> Float64[np.ndarray, " band"]:
+        """Return the band powers of a recording [dB].
+
+        Raises
+        ------
+        DataError
+            Sample rate, channels or unit differ from those of the baseline, or the recording is
+            unfit or much shorter than the shortest one.
+        """
+        recording_layout = BandPowerLayout(
+            float(recording.sample_rate),
+            recording.channels,
+            recording.unit,
+            self.layout.length,
+            self.layout.n_orders,
+        )
+        difference = self.layout.difference(recording_layout)
+        if difference:
+            raise DataError(
+                f"{recording.recording_id} does not fit the baseline of its operating point "
+                f"({difference}). After a change of sensors, restart the baseline."
+            )
+
+        band_powers = self.layout.measure(recording, self.shortest)
+        if not np.isfinite(band_powers).all():
+            raise DataError(
+                f"{recording.recording_id} has a sample that is too large for a power; "
+                "repair the file."
+            )
+        return band_powers
+
+    def learn(
+        self,
+        band_powers: Float64[np.ndarray, " band"],
+        recording: Recording,
+        n_recordings: int,
+        pistons: int | None = None,
+    ) -> tuple["OperatingPointBaseline", tuple[str, ...]]:
+        """Return the baseline with one more recording, and what it did not learn from, and why.
+
+        Once there are five, a recording is dropped if it deviates from the median of the others by
+        `MAX_LEARNED_CHANGE_DB`.
+
+        Parameters
+        ----------
+        band_powers : of the recording [dB].
+        n_recordings : recordings of a complete baseline.
+        pistons : piston count of the machine, if it is known; `orders` are then learned too.
+        """
+        rows = np.vstack([self.rows, band_powers.round(3)])
+        orders = self._append_orders(recording, pistons)
+        is_new = np.zeros(len(rows), dtype=bool)
+        is_new[-1] = True
+
+        notes = []
+        while len(rows) >= MIN_COMPARED_RECORDINGS:
+            index, change = _most_deviating_row(rows)
+            if _mean_of_largest(np.abs(change)) < MAX_LEARNED_CHANGE_DB:
+                break
+            notes.append(self._describe_drop(change, is_new=bool(is_new[index])))
+            rows = np.delete(rows, index, axis=0)
+            orders = np.delete(orders, index, axis=0)
+            is_new = np.delete(is_new, index)
+
+        shortest = recording.n_samples
+        if len(self.rows):
+            shortest = min(self.shortest, shortest)
+        baseline = OperatingPointBaseline(
+            self.layout,
+            shortest,
+            rows,
+            is_complete=len(rows) >= n_recordings,
+            dropped=self.dropped + len(notes),
+            orders=orders,
+            pistons=pistons,
+        )
+        return baseline, tuple(notes)
+
+    def _append_orders(
+        self, recording: Recording, pistons: int | None
+    ) -> Float64[np.ndarray, "recording order_band"]:
+        new_row = np.empty(0) if pistons is None else measure_orders(recording, pistons)
+        previous_rows = self.orders
+        # Rows that were measured for another piston count cannot be compared with the new one.
+        if pistons != self.pistons or previous_rows.shape != (len(self.rows), new_row.size):
+            previous_rows = np.full((len(self.rows), new_row.size), np.nan)
+        return np.vstack([previous_rows, new_row])
+
+    def _describe_drop(self, change: Float64[np.ndarray, " band"], *, is_new: bool) -> str:
+        index = int(np.argmax(np.abs(change)))
+        band = self.layout.band_powers[index]
+        which = "this" if is_new else "an earlier"
+        return (
+            f"not learned from {which} recording: {change[index]:+.1f} dB at {band.words()}, "
+            f"channel {band.channel}, against the others."
         )
 
-    @property
-    def name(self) -> str:
-        """Name for people and for the history.
+    def held_out_scores(self) -> list[tuple[float, bool]]:
+        """Return (score, whether it is large) of each recording against all others.
 
-        Examples
-        --------
-        >>> from swashtwin.foundation import MPa, rpm
-        >>> OperatingPoint(rpm(860), MPa(10)).name
-        '860 rpm, 10 MPa'
-        >>> OperatingPoint(None, None).name
-        'any'
+        Dropped recordings count as the largest of all: without them, the baseline of a machine that
+        is loud now and then would not contain its loud recordings.
         """
-        parts = []
-        if self.speed is not None:
-            parts.append(f"{self.speed * 30 / math.pi:.4g} rpm")
-        if self.pressure is not None:
-            parts.append(f"{self.pressure / 1e6:.3g} MPa")
-        return ", ".join(parts) or "any"
+        scores = [(math.inf, True)] * self.dropped
+        for index, row in enumerate(self.rows):
+            other_rows = np.delete(self.rows, index, axis=0)
+            median = np.median(other_rows, axis=0)
+            change = row - median
+            spread = _spread(other_rows, median)
+            scores.append((_score(change, spread), _is_large(change, spread)))
+        return scores
 
-    def distance(self, other: "OperatingPoint | OperatingPointRow") -> float:
-        """Relative difference to another point in units of the tolerances, infinite where they are
-        not the same.
+    def score(self, band_powers: Float64[np.ndarray, " band"]) -> float:
+        """Return the nonconformity score of a recording, at least 0.
 
-        The tolerances are those of `OperatingCondition.matches`.
+        It is the mean of the `N_CHANGES` largest (|change| - `IGNORED_CHANGE_DB`) / scatter.
         """
-        pairs = (
-            (self.speed, other.speed, SPEED_TOLERANCE),
-            (self.pressure, other.pressure, PRESSURE_TOLERANCE),
-        )
-        distance = 0.0
-        for first, second, tolerance in pairs:
-            if first is None and second is None:
-                continue
-            if first is None or second is None or not values_match(first, second, tolerance):
-                return math.inf
-            distance = max(distance, abs(first - second) / (tolerance * max(first, second)))
-        return distance
+        return _score(band_powers - self.median, self.spread)
 
+    def is_large(self, band_powers: Float64[np.ndarray, " band"]) -> bool:
+        """Return whether a recording deviates far from the baseline.
 
-def match_operating_point(
-    recording: Recording, points: Iterable["OperatingPoint | OperatingPointRow"]
-) -> OperatingPoint:
-    """The nearest of a machine's points that a recording belongs to, or a new one at what the
-    recording states.
-    """
-    stated = OperatingPoint.of(recording)
-    nearest = min(points, key=stated.distance, default=None)
-    if nearest is None or math.isinf(stated.distance(nearest)):
-        return stated
-    return OperatingPoint(nearest.speed, nearest.pressure)
+        The bands that changed most must have changed by `LARGE_CHANGE_DB` and
+        `LARGE_CHANGE_SPREADS` in the mean, and those that rose most must have risen by
+        `IGNORED_CHANGE_DB` in the mean. A fault moves power from some bands to others; if bands
+        only fall, as when a machine runs in, nothing is damaged.
+        """
+        return _is_large(band_powers - self.median, self.spread)
+
+    def has_fallen(self, band_powers: Float64[np.ndarray, " band"]) -> bool:
+        """Return whether a recording deviates far from the baseline although no band rose.
+
+        The cause is a sensor, or a pump at rest.
+        """
+        change = band_powers - self.median
+        return _deviates(change, self.spread) and not _is_large(change, self.spread)
+
+    def deviation(self, band_powers: Float64[np.ndarray, " band"], p_value: float) -> Deviation:
+        """Return how far a recording is from the baseline, for `diagnosis.band_power_changes`."""
+        change = band_powers - self.median
+        return Deviation(self.score(band_powers), p_value, change, change / self.spread, "", ())
+
+    def channel_distances(
+        self, band_powers: Float64[np.ndarray, " band"]
+    ) -> Float64[np.ndarray, "channel channel"]:
+        """Return the distance of each channel (row) from the baseline of each channel (column).
+
+        It is the root mean square of the differences over the scatter.
+        """
+        n_channels = len(self.layout.channels)
+        spread = np.maximum(self.spread, MIN_CHANNEL_SPREAD_DB).reshape(n_channels, -1)
+        measured = band_powers.reshape(n_channels, 1, -1)
+        expected = self.median.reshape(n_channels, -1)
+        return np.asarray(np.sqrt(np.mean(((measured - expected) / spread) ** 2, axis=-1)))
 
 
 def choose_layout(recording: Recording) -> BandPowerLayout:
-    """Levels of the recordings of a point, by its first one; segments are of a length that
-    transforms fast.
+    """Return the band powers of an operating point, for its first recording.
+
+    The segments of the spectra get a length for which the Fourier transform is fast.
     """
     layout, _ = band_power_layout([recording])
     length = int(scipy.fft.next_fast_len(layout.length, real=True))
     return replace(layout, length=length) if length <= recording.n_samples else layout
 
 
-TOLERANCE = 3.0
-"""Change of a level [dB] that does not count."""
-COUNTED = 5
-"""Levels that changed most, whose mean is the score."""
-CHANGE = 6.0
-"""Mean change [dB] of the `COUNTED` levels that makes a recording large: twice the amplitude."""
-SPREADS = 5.0
-"""Mean of the same over their scatter that makes a recording large."""
-UNUSUAL = 12.0
-"""Mean change [dB] of the `COUNTED` levels furthest from the median of the others that keeps a
-recording from being learned from. Of a single level it would not do: one that is faint falls as far
-by chance.
-"""
-_LEAST_SPREAD = 1.0
-"""Standard deviation [dB] that every level has at least; added as a variance."""
-_LEAST_COMPARED = 5
-"""Recordings from which on they are compared with each other while the baseline is learned."""
-_LEAST_CHANNEL_SPREAD = 3.0
-"""Standard deviation [dB] of a level at least where channels are compared with each other."""
-
-
-@dataclass(frozen=True, eq=False)
-class OperatingPointBaseline:
-    """Levels of the healthy recordings of one operating point, while they are learned and after."""
-
-    layout: BandPowerLayout
-    """Which levels."""
-    shortest: int
-    """Samples of the shortest recording that it learned from."""
-    rows: Float64[np.ndarray, "recording level"] = field(repr=False)
-    """Levels [dB, to a thousandth] of the recordings that it learned from."""
-    is_complete: bool = False
-    """Whether it has learned."""
-    dropped: int = 0
-    """Recordings that it did not learn from, since they stood far from the others."""
-    orders: Float64[np.ndarray, "recording order_level"] = field(
-        default_factory=lambda: np.empty((0, 0)), repr=False
-    )
-    """Levels of the same recordings that a pump prior compares (`measure_orders`)."""
-    pistons: int | None = None
-    """Pistons of the machine as `orders` were measured; None where they were not."""
-
-    @classmethod
-    def empty(cls, layout: BandPowerLayout) -> "OperatingPointBaseline":
-        """A baseline that has learned nothing."""
-        return cls(layout, 0, np.empty((0, len(layout.band_powers))))
-
-    @cached_property
-    def median(self) -> Float64[np.ndarray, " level"]:
-        """Median of each level [dB]."""
-        return np.asarray(np.median(self.rows, axis=0))
-
-    @cached_property
-    def spread(self) -> Float64[np.ndarray, " level"]:
-        """Standard deviation of each level [dB], from the median of magnitudes, with 1 dB added as
-        a variance.
-        """
-        return _spread(self.rows, self.median)
-
-    @cached_property
-    def furthest(self) -> Float64[np.ndarray, " channel"]:
-        """Greatest `channel_distances` of each channel to its own levels, of the recordings that it
-        learned from.
-        """
-        return np.max([np.diag(self.channel_distances(row)) for row in self.rows], axis=0)
-
-    def measure(self, recording: Recording) -> Float64[np.ndarray, " level"]:
-        """Levels of a recording [dB].
-
-        Raises
-        ------
-        DataError
-            Its sample rate, channels or unit are others than the baseline's, or it is unfit or much
-            shorter.
-        """
-        length = self.layout.length
-        actual = BandPowerLayout(
-            float(recording.sample_rate),
-            recording.channels,
-            recording.unit,
-            length,
-            self.layout.n_orders,
-        )
-        if difference := self.layout.difference(actual):
-            raise DataError(
-                f"{recording.recording_id} does not fit the baseline of its operating point ({difference}); restart "
-                "the baseline after a change of sensors."
-            )
-        band_powers = self.layout.measure(recording, self.shortest)
-        if not np.isfinite(band_powers).all():
-            raise DataError(
-                f"{recording.recording_id}: a sample is far too large; repair the file."
-            )
-        return band_powers
-
-    def learn(
-        self,
-        band_powers: Float64[np.ndarray, " level"],
-        recording: Recording,
-        learning: int,
-        pistons: int | None = None,
-    ) -> tuple["OperatingPointBaseline", tuple[str, ...]]:
-        """(the baseline with one more recording, what was not learned from and why).
-
-        Once there are five, a recording is dropped whose furthest levels are `UNUSUAL` from the
-        median of the others.
-
-        Parameters
-        ----------
-        levels : of the recording [dB].
-        learning : recordings that a complete baseline has.
-        pistons : of the machine, where they are known; `orders` are then learned too.
-        """
-        rows, notes = np.vstack([self.rows, band_powers.round(3)]), []
-        new = np.empty(0) if pistons is None else measure_orders(recording, pistons)
-        is_alike = pistons == self.pistons and self.orders.shape == (len(self.rows), new.size)
-        orders = np.vstack(
-            [self.orders if is_alike else np.full((len(self.rows), new.size), np.nan), new]
-        )
-        is_new = np.arange(len(rows)) == len(rows) - 1
-        while len(rows) >= _LEAST_COMPARED:
-            change = np.array(
-                [row - np.median(np.delete(rows, n, axis=0), axis=0) for n, row in enumerate(rows)]
-            )
-            far = np.sort(np.abs(change), axis=1)[:, -COUNTED:].mean(axis=1)
-            furthest = int(np.argmax(far))
-            level = int(np.argmax(np.abs(change[furthest])))
-            if far[furthest] < UNUSUAL:
-                break
-            which = self.layout.band_powers[level]
-            notes.append(
-                f"not learned from {'this' if is_new[furthest] else 'an earlier'} recording: "
-                f"{change[furthest, level]:+.1f} dB at {which.words()}, channel {which.channel}, against the others."
-            )
-            rows, orders = np.delete(rows, furthest, axis=0), np.delete(orders, furthest, axis=0)
-            is_new = np.delete(is_new, furthest)
-        shortest = (
-            min(self.shortest, recording.n_samples) if len(self.rows) else recording.n_samples
-        )
-        dropped, is_complete = self.dropped + len(notes), len(rows) >= learning
-        return OperatingPointBaseline(
-            self.layout, shortest, rows, is_complete, dropped, orders, pistons
-        ), tuple(notes)
-
-    def held_out_scores(self) -> list[tuple[float, bool]]:
-        """(score, whether it is large) of each recording that it learned from, against the others.
-
-        Those that it dropped count as the largest of all: without them, a machine that is loud now
-        and then would have a baseline that never was.
-        """
-        scores = [(math.inf, True)] * self.dropped
-        for number, row in enumerate(self.rows):
-            others = np.delete(self.rows, number, axis=0)
-            median = np.median(others, axis=0)
-            spread = _spread(others, median)
-            scores.append((_score(row - median, spread), _is_large(row - median, spread)))
-        return scores
-
-    def score(self, band_powers: Float64[np.ndarray, " level"]) -> float:
-        """Mean of the `COUNTED` largest (|change| - `TOLERANCE`) / scatter, 0 at least."""
-        return _score(band_powers - self.median, self.spread)
-
-    def is_large(self, band_powers: Float64[np.ndarray, " level"]) -> bool:
-        """Whether levels changed far: those that changed most by `CHANGE` and `SPREADS` in the
-        mean.
-
-        Those that rose most must have risen by `TOLERANCE` in the mean: a fault moves power from
-        some levels to others, but levels that only fall, as when a machine runs in, are no damage.
-        """
-        return _is_large(band_powers - self.median, self.spread)
-
-    def has_fallen(self, band_powers: Float64[np.ndarray, " level"]) -> bool:
-        """Whether levels changed as far as those of a large recording, and none rose: a sensor, or
-        a pump at rest.
-        """
-        change = band_powers - self.median
-        return _is_far(change, self.spread) and not _is_large(change, self.spread)
-
-    def deviation(self, band_powers: Float64[np.ndarray, " level"], p_value: float) -> Deviation:
-        """How far a recording is from the baseline, for `diagnosis.band_power_changes`."""
-        change = band_powers - self.median
-        return Deviation(self.score(band_powers), p_value, change, change / self.spread, "", ())
-
-    def channel_distances(
-        self, band_powers: Float64[np.ndarray, " level"]
-    ) -> Float64[np.ndarray, "channel channel"]:
-        """Distance of the levels of each channel (row) from the baseline of each channel (column).
-
-        The root mean square of the differences over the scatter.
-        """
-        count = len(self.layout.channels)
-        spread = np.maximum(self.spread, _LEAST_CHANNEL_SPREAD).reshape(count, -1)
-        difference = band_powers.reshape(count, 1, -1) - self.median.reshape(count, -1)
-        return np.asarray(np.sqrt(np.mean((difference / spread) ** 2, axis=-1)))
-
-
 def baseline_band_powers(table: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
-    """(median, scatter) [dB] of each level by its channel and name; empty while the baseline is
-    learned.
+    """Return (median, scatter) [dB] of each band power by its channel and name.
 
     Parameters
     ----------
-    table : a baseline as the history has it.
+    table : baseline as the history has it; the result is empty while it is being learned.
     """
-    baseline = read_baseline(table)
+    baseline = load_baseline(table)
     if not baseline.is_complete:
         return {}
-    pairs = zip(baseline.median.tolist(), baseline.spread.tolist(), strict=True)
-    return dict(zip(band_names(baseline.layout), pairs, strict=True))
+    statistics = zip(baseline.median.tolist(), baseline.spread.tolist(), strict=True)
+    return dict(zip(band_names(baseline.layout), statistics, strict=True))
 
 
-def read_baseline(table: Mapping[str, Any]) -> OperatingPointBaseline:
-    """The baseline that the history has as a table."""
+def load_baseline(table: Mapping[str, Any]) -> OperatingPointBaseline:
+    """Return the baseline that the history has as a table."""
 
-    def rows(_: type, values: Any) -> Float64[np.ndarray, "recording level"]:
+    def to_rows(_: type, values: Any) -> Float64[np.ndarray, "recording band"]:
         return np.array(values, np.float64) if values else np.empty((0, 0))
 
-    return from_table(table, OperatingPointBaseline, to_array=rows)
+    return from_table(table, OperatingPointBaseline, to_array=to_rows)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=N_CACHED_LAYOUTS)
 def band_names(layout: BandPowerLayout) -> Sequence[tuple[str, str]]:
-    """Channel and name of each level."""
-    return [(level.channel, level.words()) for level in layout.band_powers]
+    """Return channel and name of each band power."""
+    return [(band.channel, band.words()) for band in layout.band_powers]
 
 
-def measure_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_level"]:
-    """Levels of all channels that a prior compares [log10 of the squared unit], NaN where they
-    cannot be measured.
+def measure_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_band"]:
+    """Return the band powers that a pump prior compares [log10 of the squared unit].
+
+    They are NaN if they cannot be measured, for example because the recording is too short.
     """
     bands = OrderBands(pistons)
     try:
@@ -338,26 +298,46 @@ def measure_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " 
         return np.full(len(recording.channels) * len(bands.names), np.nan)
 
 
+def _most_deviating_row(
+    rows: Float64[np.ndarray, "recording band"],
+) -> tuple[int, Float64[np.ndarray, " band"]]:
+    """Return the index of the row furthest from the median of the others, and its change."""
+    changes = np.array(
+        [row - np.median(np.delete(rows, index, axis=0), axis=0) for index, row in enumerate(rows)]
+    )
+    distances = np.sort(np.abs(changes), axis=1)[:, -N_CHANGES:].mean(axis=1)
+    index = int(np.argmax(distances))
+    return index, changes[index]
+
+
 def _spread(
-    rows: Float64[np.ndarray, "recording level"], median: Float64[np.ndarray, " level"]
-) -> Float64[np.ndarray, " level"]:
-    magnitude = np.median(np.abs(rows - median), axis=0)
-    return np.asarray(np.sqrt((1.4826 * magnitude) ** 2 + _LEAST_SPREAD**2))
+    rows: Float64[np.ndarray, "recording band"], median: Float64[np.ndarray, " band"]
+) -> Float64[np.ndarray, " band"]:
+    absolute_deviation = np.median(np.abs(rows - median), axis=0)
+    standard_deviation = MAD_TO_STANDARD_DEVIATION * absolute_deviation
+    return np.asarray(np.sqrt(standard_deviation**2 + MIN_SPREAD_DB**2))
 
 
-def _score(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " level"]) -> float:
-    excess = (np.abs(change) - TOLERANCE) / spread
-    return max(float(np.sort(excess)[-COUNTED:].mean()), 0.0)
+def _mean_of_largest(values: Float64[np.ndarray, " band"]) -> float:
+    return float(np.sort(values)[-N_CHANGES:].mean())
 
 
-def _is_far(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " level"]) -> bool:
+def _score(change: Float64[np.ndarray, " band"], spread: Float64[np.ndarray, " band"]) -> float:
+    return max(_mean_of_largest((np.abs(change) - IGNORED_CHANGE_DB) / spread), 0.0)
+
+
+def _deviates(change: Float64[np.ndarray, " band"], spread: Float64[np.ndarray, " band"]) -> bool:
+    """Return whether the bands that changed most did so by the limits of a large recording."""
     magnitude = np.abs(change)
-    furthest = np.argsort(magnitude / spread)[-COUNTED:]
+    n_spreads = magnitude / spread
+    most_changed = np.argsort(n_spreads)[-N_CHANGES:]
     return bool(
-        magnitude[furthest].mean() >= CHANGE and (magnitude / spread)[furthest].mean() >= SPREADS
+        magnitude[most_changed].mean() >= LARGE_CHANGE_DB
+        and n_spreads[most_changed].mean() >= LARGE_CHANGE_SPREADS
     )
 
 
-def _is_large(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " level"]) -> bool:
-    risen = np.argsort(change / spread)[-COUNTED:]
-    return _is_far(change, spread) and bool(change[risen].mean() >= TOLERANCE)
+def _is_large(change: Float64[np.ndarray, " band"], spread: Float64[np.ndarray, " band"]) -> bool:
+    most_risen = np.argsort(change / spread)[-N_CHANGES:]
+    has_risen = bool(change[most_risen].mean() >= IGNORED_CHANGE_DB)
+    return _deviates(change, spread) and has_risen

@@ -1,5 +1,6 @@
-"""Sensors that fail, and pumps that do not run: what such a recording shows says nothing of the
-pump's health.
+"""Findings of failed sensors and of pumps that do not run.
+
+A recording with such a finding contains no evidence about the health of the pump.
 """
 
 from collections.abc import Sequence
@@ -10,46 +11,58 @@ import numpy as np
 import scipy
 from jaxtyping import Float, Float64
 
-from swashtwin.monitoring.alarms.baseline import SPREADS, OperatingPointBaseline
+from swashtwin.monitoring.alarms.baseline import LARGE_CHANGE_SPREADS, OperatingPointBaseline
 from swashtwin.recordings import Recording, count_clipped_samples, specified_shaft_frequency
 
-FLAT = 0.1
-"""Share of the samples in stretches of one value that makes a channel flat."""
-_FLAT_SAMPLES, _FLAT_TIME = 20, 2e-3
-"""Samples, and time [s], of a stretch that counts as flat."""
-SATURATED = 1e-3
-"""Share of the samples that stand in a row at an extreme that makes a channel saturated."""
-SPIKES = 1e4
-"""Largest deviation from the median over the usual one that no vibration has: single samples are
-wrong.
+# All limits are chosen so that less than one healthy recording in 1,000 has a finding; the table in
+# docs/how-to/alarms.md lists them, and the study `alarms` measured 0 of 5,200 healthy recordings.
+
+FLAT_SHARE = 0.1
+"""Share of the samples in stretches of one value from which on a channel is flat."""
+MIN_FLAT_SAMPLES = 20
+"""Minimum length of a stretch that counts as flat, in samples: steps of a converter are shorter."""
+MIN_FLAT_TIME_S = 2e-3
+"""Minimum duration of a stretch that counts as flat."""
+SATURATED_SHARE = 1e-3
+"""Share of the samples in a row at an extreme from which on a channel is saturated."""
+SPIKE_RATIO = 1e4
+"""Largest deviation from the median, over the median deviation, that no vibration reaches: single
+samples are wrong.
 """
-LOOSE = 0.5
-"""Share of a channel's power in what is slower than the shaft that makes it loose: a plug or a
-cable that moves.
+LOOSE_SHARE = 0.5
+"""Share of a channel's power below the frequency of the shaft from which on a plug or a cable is
+loose.
 """
-_SLOW = 0.1
-"""Time [s] of a turn where the speed is not stated."""
-_LEAST_TURNS = 8
-EQUAL = 0.999
-"""Correlation of two channels, in magnitude, that sensors of their own never have."""
-DEAD = 1e-4
-"""Standard deviation of a channel over that of the loudest one, below which nothing but noise is
-left.
+DEFAULT_TURN_S = 0.1
+"""Duration of a turn if the speed is not specified."""
+MIN_TURNS = 8
+"""Minimum number of turns for the power below the shaft frequency, and of orders for lines."""
+EQUAL_CORRELATION = 0.999
+"""Correlation of two channels, in magnitude, that two separate sensors never reach."""
+DEAD_RATIO = 1e-4
+"""Standard deviation of a channel, over that of the loudest one, that is nothing but noise."""
+SILENT_FALL_DB = 8.0
+"""Median fall of a channel's bands from which on it is silent."""
+MUFFLED_FALL_DB = 10.0
+"""Median fall of the highest bands of a channel from which on it is muffled: a loose mounting
+transmits no high frequencies.
 """
-SILENT = 8.0
-"""Median fall [dB] of a channel's bands that makes it silent."""
-MUFFLED, _TOP_BANDS, _KEPT = 10.0, 4, 3.0
-"""Median fall [dB] of so many highest bands of a channel that makes it muffled, where its lower
-bands fell less than the last number [dB].
+N_HIGHEST_BANDS = 4
+"""Highest bands of a channel that are compared."""
+MAX_MUFFLED_LOW_FALL_DB = 3.0
+"""Maximum median fall of the lower half of the bands of a muffled channel."""
+LINE_HEIGHT_DB = 6.0
+"""Height of the strongest orders over the faint ones that makes them lines of the pump."""
+LOST_HEIGHT_SHARE = 0.4
+"""Remaining share of the height at which lines are lost."""
+LOST_FALL_DB = 6.0
+"""Mean fall of the strongest orders at which lines are lost."""
+SWAPPED_RATIO = 0.5
+"""Distance of the channels from the baseline when exchanged, over the distance in the recorded
+order, below which they are swapped.
 """
-LINES, _LEFT, _LOST = 6.0, 0.4, 6.0
-"""Height [dB] of a point's strongest orders over its faint ones that makes them lines; the share of
-it, and the mean fall [dB], at which they are lost.
-"""
-SWAPPED = 0.5
-"""Distance of the channels from the baseline when exchanged, over that as they are, below which
-they are swapped.
-"""
+MIN_AMPLITUDE_RATIO = 1e-20
+"""Lower limit of an amplitude ratio, so that its logarithm exists."""
 
 
 @dataclass(frozen=True)
@@ -68,195 +81,281 @@ class SensorFinding:
         "muffled",
         "fallen",
     ]
-    """What it does; ``stopped``: the pump does not run."""
+    """What the sensor does; ``stopped``: the pump does not run."""
     channel: str
-    """Channel; of several all, with commas."""
+    """Name of the channel; of several all names, with commas."""
     sentence: str
     """The finding in words, with the number that led to it."""
 
 
 def check_sensors(recording: Recording) -> tuple[SensorFinding, ...]:
-    """Findings that need no baseline, one by channel: flat, spiky, saturated, loose, dead and
-    doubled channels.
+    """Return the findings that need no baseline, at most one for each channel.
+
+    They are flat, spiky, saturated, loose, dead and doubled channels.
     """
-    flat_length = round(max(_FLAT_SAMPLES, _FLAT_TIME * recording.sample_rate))
-    turn = round(recording.sample_rate * (1 / (specified_shaft_frequency(recording) or 1 / _SLOW)))
-    signal, names = recording.signal, recording.channels
-    found = (
-        _finding(name, row, flat_length, max(turn, 1))
-        for name, row in zip(names, signal, strict=True)
-    )
-    findings = tuple(finding for finding in found if finding is not None)
-    return findings or _compared_channels(signal - signal.mean(axis=1, keepdims=True), names)
+    flat_length = round(max(MIN_FLAT_SAMPLES, MIN_FLAT_TIME_S * recording.sample_rate))
+    turn_frequency = specified_shaft_frequency(recording) or 1 / DEFAULT_TURN_S
+    turn_length = max(round(recording.sample_rate * (1 / turn_frequency)), 1)
+
+    findings = []
+    for name, row in zip(recording.channels, recording.signal, strict=True):
+        finding = _check_channel(name, row, flat_length, turn_length)
+        if finding is not None:
+            findings.append(finding)
+    if findings:
+        return tuple(findings)
+
+    signal = recording.signal
+    return _compare_channels(signal - signal.mean(axis=1, keepdims=True), recording.channels)
 
 
-def _compared_channels(
+def _check_channel(
+    name: str, row: Float[np.ndarray, " time"], flat_length: int, turn_length: int
+) -> SensorFinding | None:
+    flat_share = _flat_share(row, flat_length)
+    if flat_share >= FLAT_SHARE:
+        return SensorFinding(
+            "flat", name, f"channel {name} does not move in {flat_share:.0%} of the recording."
+        )
+
+    spike_ratio = _spike_ratio(row)
+    if spike_ratio >= SPIKE_RATIO:
+        return SensorFinding(
+            "spikes",
+            name,
+            f"channel {name} has single samples {spike_ratio:.1g} times as far from the median as "
+            "the others: spikes.",
+        )
+
+    clipped_share = count_clipped_samples(row) / row.size
+    if clipped_share >= SATURATED_SHARE:
+        return SensorFinding(
+            "saturated",
+            name,
+            f"channel {name} is at the end of its range in {clipped_share:.1%} of the samples.",
+        )
+
+    slow_share = _slow_share(row, turn_length)
+    if slow_share >= LOOSE_SHARE:
+        return SensorFinding(
+            "loose",
+            name,
+            f"channel {name} has {slow_share:.0%} of its power below the speed of the shaft. "
+            "Check its plug and cable.",
+        )
+    return None
+
+
+def _flat_share(row: Float[np.ndarray, " time"], length: int) -> float:
+    """Return the share of the recording in stretches of one value."""
+    blocks = row[: row.size // length * length].reshape(-1, length)
+    if not blocks.size:
+        return 0.0
+    return float(np.mean(blocks.min(axis=1) == blocks.max(axis=1)))
+
+
+def _spike_ratio(row: Float[np.ndarray, " time"]) -> float:
+    """Return the largest over the median deviation; 0 if half of the samples are equal."""
+    deviation = np.abs(row.astype(np.float64) - float(np.median(row)))
+    median_deviation = float(np.median(deviation))
+    return float(deviation.max()) / median_deviation if median_deviation > 0 else 0.0
+
+
+def _slow_share(row: Float[np.ndarray, " time"], turn_length: int) -> float:
+    """Return the share of the power that is slower than the shaft."""
+    turns = row[: row.size // turn_length * turn_length].reshape(-1, turn_length)
+    variance = float(row.var())
+    if len(turns) < MIN_TURNS or variance <= 0:
+        return 0.0
+    return float(turns.mean(axis=1).var()) / variance
+
+
+def _compare_channels(
     signal: Float[np.ndarray, "channel time"], names: Sequence[str]
 ) -> tuple[SensorFinding, ...]:
-    """Channels without a signal, and pairs of channels with the same one."""
+    """Return channels without a signal, else pairs of channels with the same signal."""
     deviation = signal.std(axis=1)
-    faint = deviation <= DEAD * deviation.max()
-    if faint.any():
-        fall = 20 * np.log10(np.maximum(deviation / deviation.max(), 1e-20))
+    is_dead = deviation <= DEAD_RATIO * deviation.max()
+    if is_dead.any():
+        fall = 20 * np.log10(np.maximum(deviation / deviation.max(), MIN_AMPLITUDE_RATIO))
         return tuple(
             SensorFinding(
                 "silent",
-                names[n],
-                f"channel {names[n]} stands {-fall[n]:.0f} dB below the loudest channel.",
+                names[index],
+                f"channel {names[index]} is {-fall[index]:.0f} dB below the loudest channel.",
             )
-            for n in np.flatnonzero(faint).tolist()
+            for index in np.flatnonzero(is_dead).tolist()
         )
+
     scaled = signal / deviation[:, None]
-    alike = np.abs(np.triu(scaled @ scaled.T / signal.shape[1], 1)) >= EQUAL
+    correlation = np.triu(scaled @ scaled.T / signal.shape[1], 1)
     return tuple(
         SensorFinding(
             "equal",
-            f"{names[n]}, {names[m]}",
-            f"channels {names[n]} and {names[m]} hold the same signal.",
+            f"{names[first]}, {names[second]}",
+            f"channels {names[first]} and {names[second]} contain the same signal.",
         )
-        for n, m in np.argwhere(alike).tolist()
+        for first, second in np.argwhere(np.abs(correlation) >= EQUAL_CORRELATION).tolist()
     )
 
 
 def check_against_baseline(
-    baseline: OperatingPointBaseline, band_powers: Float64[np.ndarray, " level"]
+    baseline: OperatingPointBaseline, band_powers: Float64[np.ndarray, " band"]
 ) -> tuple[SensorFinding, ...]:
-    """Findings against a complete baseline: levels that fell, and channels that are swapped.
+    """Return findings against a complete baseline: band powers that fell, and swapped channels.
 
-    The pump does not run where its lines at shaft orders are gone; where none are known, where all
+    The pump does not run if its lines at shaft orders are lost; if no lines are known, if all
     channels are silent. A channel that fell in all bands is silent, one that fell in the highest
-    only is muffled. Other levels are fallen that changed as far as those of a large recording while
-    none rose.
+    bands only is muffled. A recording is fallen if other bands changed as far as in a large
+    recording although none rose.
     """
     names = baseline.layout.channels
-    change, spread, median, heights = (
-        values.reshape(len(names), 2, -1)[:, 0]
-        for values in (band_powers - baseline.median, baseline.spread, baseline.median, band_powers)
-    )
-    n_bands = change.shape[1] - baseline.layout.n_orders
-    bands, far = change[:, :n_bands], change[:, :n_bands] / spread[:, :n_bands]
-    fall = np.median(bands, axis=1)
-    is_silent = (fall <= -SILENT) & (np.median(far, axis=1) <= -SPREADS)
-    lost = _has_lost_lines(median[:, n_bands:], heights[:, n_bands:])
-    if lost or (lost is None and is_silent.all()):
-        sentence = f"{fall.mean():+.0f} dB in the bands of all channels, without the pump's lines: it does not run, or "
-        sentence += "not at the stated speed; or its sensors have failed."
+    changes = _ChannelChanges(baseline, band_powers)
+
+    lost_lines = changes.lost_lines()
+    is_silent = changes.is_silent()
+    if lost_lines or (lost_lines is None and is_silent.all()):
+        sentence = (
+            f"{changes.fall.mean():+.0f} dB in the bands of all channels, without the pump's lines. "
+            "The pump does not run, or not at the specified speed; or its sensors have failed."
+        )
         return (SensorFinding("stopped", ", ".join(names), sentence),)
-    findings = [
-        SensorFinding(
-            "silent",
-            names[n],
-            f"{fall[n]:+.0f} dB in the bands of channel {names[n]}: sensor or cable?",
+
+    findings = []
+    for index in np.flatnonzero(is_silent).tolist():
+        sentence = (
+            f"{changes.fall[index]:+.0f} dB in the bands of channel {names[index]}. "
+            "Check its sensor and cable."
         )
-        for n in np.flatnonzero(is_silent).tolist()
-    ]
-    top, lower = (
-        np.median(bands[:, -_TOP_BANDS:], axis=1),
-        np.median(bands[:, : n_bands // 2], axis=1),
+        findings.append(SensorFinding("silent", names[index], sentence))
+    for index in np.flatnonzero(changes.is_muffled()).tolist():
+        sentence = (
+            f"{changes.high_fall[index]:+.0f} dB in the highest bands of channel {names[index]}. "
+            "Check its mounting."
+        )
+        findings.append(SensorFinding("muffled", names[index], sentence))
+    if findings:
+        return tuple(findings)
+
+    finding = _find_swapped_channels(baseline, band_powers)
+    if finding is None and baseline.has_fallen(band_powers):
+        finding = _describe_fall(baseline, band_powers)
+    return () if finding is None else (finding,)
+
+
+class _ChannelChanges:
+    """Changes of the signals of all channels, without those of the envelopes [dB]."""
+
+    def __init__(
+        self, baseline: OperatingPointBaseline, band_powers: Float64[np.ndarray, " band"]
+    ) -> None:
+        n_channels = len(baseline.layout.channels)
+
+        def signal_part(
+            values: Float64[np.ndarray, " band"],
+        ) -> Float64[np.ndarray, "channel band"]:
+            return values.reshape(n_channels, 2, -1)[:, 0]
+
+        change = signal_part(band_powers - baseline.median)
+        n_bands = change.shape[1] - baseline.layout.n_orders
+        self._bands = change[:, :n_bands]
+        self._band_spreads = self._bands / signal_part(baseline.spread)[:, :n_bands]
+        self._baseline_orders = signal_part(baseline.median)[:, n_bands:]
+        self._orders = signal_part(band_powers)[:, n_bands:]
+        self.fall = np.median(self._bands, axis=1)
+        """Median change of each channel's bands."""
+        self.high_fall = np.median(self._bands[:, -N_HIGHEST_BANDS:], axis=1)
+        """Median change of each channel's highest bands."""
+
+    def is_silent(self) -> np.ndarray:
+        """Return whether each channel fell in all bands."""
+        spreads = np.median(self._band_spreads, axis=1)
+        return np.asarray((self.fall <= -SILENT_FALL_DB) & (spreads <= -LARGE_CHANGE_SPREADS))
+
+    def is_muffled(self) -> np.ndarray:
+        """Return whether each channel fell in its highest bands only."""
+        n_low_bands = self._bands.shape[1] // 2
+        low_fall = np.median(self._bands[:, :n_low_bands], axis=1)
+        high_spreads = np.median(self._band_spreads[:, -N_HIGHEST_BANDS:], axis=1)
+        return np.asarray(
+            (self.high_fall <= -MUFFLED_FALL_DB)
+            & (high_spreads <= -LARGE_CHANGE_SPREADS)
+            & (low_fall >= -MAX_MUFFLED_LOW_FALL_DB)
+        )
+
+    def lost_lines(self) -> bool | None:
+        """Return whether all channels with lines lost them; None if no channel has lines.
+
+        Lines are the strongest quarter of the orders, if they stand out from the faint half.
+        """
+        n_orders = self._orders.shape[1]
+        if n_orders < MIN_TURNS:
+            return None
+
+        rank = np.argsort(self._baseline_orders, axis=1)
+        strong = rank[:, -(n_orders // 4) :]
+        faint = rank[:, : n_orders // 2]
+        height = _selected_mean(self._baseline_orders, strong) - _selected_mean(
+            self._baseline_orders, faint
+        )
+        remaining_height = _selected_mean(self._orders, strong) - _selected_mean(
+            self._orders, faint
+        )
+        fall = _selected_mean(self._orders - self._baseline_orders, strong)
+
+        is_lost = (remaining_height <= LOST_HEIGHT_SHARE * height) & (fall <= -LOST_FALL_DB)
+        has_lines = height >= LINE_HEIGHT_DB
+        return bool(is_lost[has_lines].all()) if has_lines.any() else None
+
+
+def _selected_mean(
+    values: Float64[np.ndarray, "channel order"], columns: np.ndarray
+) -> Float64[np.ndarray, " channel"]:
+    return np.asarray(np.take_along_axis(values, columns, axis=1).mean(axis=1))
+
+
+def _describe_fall(
+    baseline: OperatingPointBaseline, band_powers: Float64[np.ndarray, " band"]
+) -> SensorFinding:
+    change = band_powers - baseline.median
+    index = int(np.argmin(change / baseline.spread))
+    band = baseline.layout.band_powers[index]
+    sentence = (
+        f"band powers fell and none rose ({change[index]:+.1f} dB at {band.words()}, channel "
+        f"{band.channel}). Check gain and mounting, or whether the pump runs differently."
     )
-    is_muffled = (
-        (top <= -MUFFLED)
-        & (np.median(far[:, -_TOP_BANDS:], axis=1) <= -SPREADS)
-        & (lower >= -_KEPT)
-    )
-    findings += [
-        SensorFinding(
-            "muffled",
-            names[n],
-            f"{top[n]:+.0f} dB in the highest bands of channel {names[n]}: mounting?",
-        )
-        for n in np.flatnonzero(is_muffled).tolist()
-    ]
-    if not findings and (swapped := _swapped_channels(baseline, band_powers)) is not None:
-        findings.append(swapped)
-    if not findings and baseline.has_fallen(band_powers):
-        index = int(np.argmin((band_powers - baseline.median) / baseline.spread))
-        which, by = baseline.layout.band_powers[index], band_powers[index] - baseline.median[index]
-        sentence = f"levels fell and none rose ({by:+.1f} dB at {which.words()}, channel {which.channel}): gain, "
-        findings.append(
-            SensorFinding(
-                "fallen", which.channel, sentence + "mounting, or another state of the pump?"
-            )
-        )
-    return tuple(findings)
+    return SensorFinding("fallen", band.channel, sentence)
 
 
-def _has_lost_lines(
-    before: Float64[np.ndarray, "channel order"], now: Float64[np.ndarray, "channel order"]
-) -> bool | None:
-    """Whether the strongest orders of each channel that has lines fell towards its faint ones; None
-    without lines.
-    """
-    count = before.shape[1]
-    if count < _LEAST_TURNS:
-        return None
-    rank = np.argsort(before, axis=1)
-    strong, faint = rank[:, -(count // 4) :], rank[:, : count // 2]
-
-    def mean(
-        values: Float64[np.ndarray, "channel order"], which: np.ndarray
-    ) -> Float64[np.ndarray, " channel"]:
-        return np.asarray(np.take_along_axis(values, which, axis=1).mean(axis=1))
-
-    height, left = mean(before, strong) - mean(before, faint), mean(now, strong) - mean(now, faint)
-    is_lost = (left <= _LEFT * height) & (mean(now - before, strong) <= -_LOST)
-    has_lines = height >= LINES
-    return bool(is_lost[has_lines].all()) if has_lines.any() else None
-
-
-def _swapped_channels(
-    baseline: OperatingPointBaseline, band_powers: Float64[np.ndarray, " level"]
+def _find_swapped_channels(
+    baseline: OperatingPointBaseline, band_powers: Float64[np.ndarray, " band"]
 ) -> SensorFinding | None:
-    """Channels whose levels are those of each other in the baseline, or None.
+    """Return a finding if channels fit each other's baseline better than their own.
 
-    The channels are dealt to those of the baseline so that all are nearest. They are swapped where
-    that halves the distance, and each was never as far from its own levels while the baseline was
-    learned.
+    The channels are assigned to those of the baseline so that the sum of distances is minimal. They
+    are swapped if that halves the distance, and if each is further from its own baseline than in
+    any recording that the baseline learned from.
     """
     distance = baseline.channel_distances(band_powers)
     rows = np.arange(len(distance))
     if (distance.argmin(axis=1) == rows).all():
         return None
-    columns = scipy.optimize.linear_sum_assignment(distance)[
-        1
-    ]  # imported where it is needed: it takes 25 MB
-    moved = np.flatnonzero(rows != columns)
-    if not moved.size:
+
+    # `scipy.optimize` is loaded here: it takes 25 MB, which a healthy plant never needs.
+    _, columns = scipy.optimize.linear_sum_assignment(distance)
+    exchanged = np.flatnonzero(rows != columns)
+    if not exchanged.size:
         return None
-    straight = np.diag(distance)[moved]
-    ratio = distance[moved, columns[moved]].sum() / straight.sum()
-    if ratio > SWAPPED or (straight <= baseline.furthest[moved]).any():
+
+    own_distance = np.diag(distance)[exchanged]
+    ratio = distance[exchanged, columns[exchanged]].sum() / own_distance.sum()
+    is_within_baseline = (own_distance <= baseline.max_channel_distances[exchanged]).any()
+    if ratio > SWAPPED_RATIO or is_within_baseline:
         return None
-    names = ", ".join(baseline.layout.channels[index] for index in moved)
-    sentence = f"channels {names} look like each other's baseline (distance {ratio:.2f} of that as they are): swapped?"
+
+    names = ", ".join(baseline.layout.channels[index] for index in exchanged)
+    sentence = (
+        f"channels {names} fit each other's baseline (distance {ratio:.2f} of that to their own). "
+        "Check whether their cables are swapped."
+    )
     return SensorFinding("swapped", names, sentence)
-
-
-def _finding(
-    name: str, row: Float[np.ndarray, " time"], flat_length: int, turn: int
-) -> SensorFinding | None:
-    blocks = row[: row.size // flat_length * flat_length].reshape(-1, flat_length)
-    flat = float(np.mean(blocks.min(axis=1) == blocks.max(axis=1))) if blocks.size else 0.0
-    if flat >= FLAT:
-        return SensorFinding(
-            "flat", name, f"channel {name} does not move in {flat:.0%} of the recording."
-        )
-    deviation = np.abs(row.astype(np.float64) - float(np.median(row)))
-    usual = float(np.median(deviation))
-    ratio = (
-        float(deviation.max()) / usual if usual > 0 else 0.0
-    )  # 0 where half of the samples are equal
-    if ratio >= SPIKES:
-        sentence = f"channel {name} has single samples {ratio:.1g} times as far from the middle as the others: spikes."
-        return SensorFinding("spikes", name, sentence)
-    clipped = count_clipped_samples(row) / row.size
-    if clipped >= SATURATED:
-        sentence = f"channel {name} stands at the end of its range in {clipped:.1%} of the samples."
-        return SensorFinding("saturated", name, sentence)
-    means = row[: row.size // turn * turn].reshape(-1, turn).mean(axis=1)
-    total = float(row.var())
-    slow = float(means.var()) / total if len(means) >= _LEAST_TURNS and total > 0 else 0.0
-    if slow >= LOOSE:
-        sentence = f"channel {name} has {slow:.0%} of its power below the speed of the shaft: a loose plug or cable?"
-        return SensorFinding("loose", name, sentence)
-    return None

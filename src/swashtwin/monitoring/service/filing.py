@@ -6,13 +6,13 @@ from datetime import timedelta
 from typing import Any
 
 from swashtwin.foundation import DataError, to_table
-from swashtwin.monitoring.alarms.baseline import OperatingPoint, match_operating_point
 from swashtwin.monitoring.alarms.monitor import (
     AlarmChange,
     OperatingPointJudgment,
     OperatingPointMonitor,
     OperatingPointState,
 )
+from swashtwin.monitoring.alarms.operating_point import OperatingPoint, match_operating_point
 from swashtwin.monitoring.alarms.suspect import Suspects
 from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.history import History

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from swashtwin.monitoring.alarms.suspect import SeverityRequest, measure_severity
+from swashtwin.monitoring.alarms.suspect_severity import SeverityRequest, measure_severity
 from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.schema import Alarm, Judgment

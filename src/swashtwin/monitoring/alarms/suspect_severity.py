@@ -1,0 +1,173 @@
+"""The severity of an alarm's suspect, measured by a calibrated twin in another process.
+
+That takes minutes, and memory that would not be returned to the system.
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swashtwin.foundation import DataError, SwashTwinError, run_in_child
+from swashtwin.monitoring.alarms.operating_point import OperatingPoint
+from swashtwin.monitoring.alarms.suspect import describe_class
+from swashtwin.monitoring.config.settings import Machine
+from swashtwin.pump import FAULT_KINDS, Fault, load_pump
+from swashtwin.recordings import Recording, load_recordings
+
+if TYPE_CHECKING:
+    from swashtwin.calibration import Calibration, SeverityTrend
+
+MEASURE_TIMEOUT_S = 1200.0
+"""Time limit for measuring a severity, which takes some minutes."""
+_log = logging.getLogger("swashtwin.watch")
+
+
+@dataclass(frozen=True)
+class SeverityRequest:
+    """A recording of a machine with a fault, whose severity its calibrated twin measures."""
+
+    machine: Machine
+    """Machine with a calibration."""
+    label: str
+    """Class of the fault."""
+    recording: Path | None
+    """File of the recording; None if its samples were not kept."""
+    healthy: tuple[Path, ...] = ()
+    """Files of healthy recordings of the machine at the same operating point."""
+
+    def measure(self) -> dict[str, Any]:
+        """Return severity, 90 % interval, detection limit and doubts, as JSON can hold them.
+
+        Raises
+        ------
+        SwashTwinError
+            A package is missing; the calibration is for another pump or operating point, or does
+            not have the fault; or the samples were not kept.
+        """
+        from swashtwin.calibration import estimate_severity, load_calibration
+
+        assert self.machine.calibration is not None
+        calibration = load_calibration(self.machine.calibration)
+        _require_same_pump(calibration, self.machine)
+        faults = _faults_of_class(self.label)
+        if self.recording is None:
+            raise DataError("the samples of the recording were not kept.")
+
+        recording = self._load(self.recording, label=None)
+        healthy_recordings = [self._load(path, label="normal") for path in self.healthy]
+        _require_calibrated_point(calibration, recording)
+
+        trends = {
+            kind: estimate_severity(calibration, [recording], fault, healthy=healthy_recordings)
+            for kind, fault in faults.items()
+        }
+        return _describe_best_fit(trends)
+
+    def _load(self, path: Path, label: str | None) -> Recording:
+        recording = load_recordings(path)[0]
+        return recording.replace(label=label, specimen=self.machine.name)
+
+
+def measure_severity(request: SeverityRequest) -> dict[str, Any]:
+    """Return the result of `SeverityRequest.measure`, run in another process, with the class.
+
+    If there is no result, a ``sentence`` states the reason.
+    """
+    try:
+        severity = run_in_child(SeverityRequest.measure, request, timeout_s=MEASURE_TIMEOUT_S)
+    except SwashTwinError as cause:
+        severity = _unmeasured(str(cause))
+    except Exception as cause:  # a severity is no reason to end the watch
+        _log.warning("%s: the severity could not be measured", request.machine.name, exc_info=cause)
+        severity = _unmeasured(
+            f"an internal error ({type(cause).__name__}); see the log of the watch."
+        )
+    return {"label": request.label, **severity}
+
+
+def _unmeasured(reason: str) -> dict[str, Any]:
+    return {"sentence": f"Severity is not measured: {reason}", "notes": []}
+
+
+def _require_same_pump(calibration: "Calibration", machine: Machine) -> None:
+    pump = calibration.twin.pump
+    machine_pump = pump.name if machine.pump is None else load_pump(machine.pump).name
+    has_same_pistons = machine.piston_count == pump.rotating_group.piston_count
+    if machine_pump != pump.name or not has_same_pistons:
+        raise DataError(f"the calibration is for another pump, {pump.name}.")
+
+
+def _faults_of_class(label: str) -> dict[str, Fault]:
+    """Return the kinds of fault of a class; several kinds may have the same class."""
+    faults = {}
+    for kind, fault in FAULT_KINDS.items():
+        if fault is not None and fault.label == label:
+            faults[kind] = fault
+    if not faults:
+        raise DataError(f"the twin has no fault of the class {label!r}.")
+    return faults
+
+
+def _require_calibrated_point(calibration: "Calibration", recording: Recording) -> None:
+    conditions = [fit.condition for fit in calibration.fits]
+    condition = recording.condition
+    if condition is None or any(condition.matches(calibrated) for calibrated in conditions):
+        return
+
+    names = [
+        OperatingPoint(calibrated.speed, calibrated.discharge_pressure).name
+        for calibrated in conditions
+    ]
+    raise DataError(
+        f"the calibration is for {' and '.join(names)}, but the recording is at "
+        f"{OperatingPoint.of(recording).name}."
+    )
+
+
+def _describe_best_fit(trends: Mapping[str, "SeverityTrend"]) -> dict[str, Any]:
+    """Return the severity of the kind of fault that fits best, with the others as notes."""
+    kinds = sorted(trends, key=lambda kind: trends[kind].estimates[0].misfit)
+    best_kind, *other_kinds = kinds
+    trend = trends[best_kind]
+    (estimate,) = trend.estimates
+
+    severity = estimate.severity
+    dimension = severity.dimension
+    unit_scale = dimension.per_unit
+    limit = estimate.detection_limit
+    limit_text = "none" if limit is None else dimension.words(limit)
+    sentence = (
+        f"Severity, if {describe_class(best_kind)}: {describe_class(dimension.name)} "
+        f"{severity.words}, {severity.verdict}; detection limit {limit_text}."
+    )
+    notes: Sequence[str] = [
+        *_compare_other_kinds(trends, other_kinds, estimate.misfit),
+        *trend.notes,
+        *estimate.notes,
+    ]
+    return {
+        "sentence": sentence,
+        "notes": list(notes),
+        "verdict": severity.verdict,
+        "dimension": dimension.name,
+        "unit": dimension.unit,
+        "value": severity.value / unit_scale,
+        "interval": [end / unit_scale for end in severity.interval],
+        "detection_limit": None if limit is None else limit / unit_scale,
+        "misfit": estimate.misfit,
+    }
+
+
+def _compare_other_kinds(
+    trends: Mapping[str, "SeverityTrend"], kinds: Sequence[str], best_misfit: float
+) -> list[str]:
+    notes = []
+    for kind in kinds:
+        (estimate,) = trends[kind].estimates
+        notes.append(
+            f"{describe_class(kind)} fits worse ({estimate.misfit:.2g} instead of "
+            f"{best_misfit:.2g}): {estimate.severity.words}."
+        )
+    return notes

@@ -235,7 +235,7 @@ def test_a_leak_is_named():
     part = cut_windows(
         [Recording(recording("a").signal[:, 200:], 1000.0, "a part", label="normal")], length=100
     )
-    with pytest.raises(LeakError, match="a part holds a window of training recording a"):
+    with pytest.raises(LeakError, match="a part holds a window of the training recording a"):
         check_disjoint(first + second, part)
     with pytest.raises(LeakError, match="b is synthetic"):
         check_disjoint(first, cut_windows([recording("b", synthetic=True)], length=100))

@@ -88,7 +88,7 @@ def test_lines_alone_show_another_pump_where_nothing_is_stated(
     twin: Twin, same: Recording, other: Recording
 ) -> None:
     notes = require_same_machine(twin, [twin.condition], [without_condition(same)])
-    assert [note.split(";")[0] for note in notes] == [
+    assert [note.split(",")[0] for note in notes] == [
         "The recordings specify no speed", "The recordings specify no pressure",
     ]  # fmt: skip
     with pytest.raises(

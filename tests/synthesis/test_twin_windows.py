@@ -160,7 +160,7 @@ def test_severity_spreads_as_asked(twin: Twin, measured: WindowSet) -> None:
 
 
 def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pump) -> None:
-    with pytest.raises(InputError, match="give twins of one class"):
+    with pytest.raises(InputError, match="Give twins of one class"):
         simulate_windows([twin, twin.with_fault(None)], count=2, like=measured, seed=0)
     with pytest.raises(InputError, match="class 'piston' is not among the windows' classes"):
         simulate_windows(
@@ -170,7 +170,7 @@ def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pum
         simulate_windows(twin, count=0, like=measured, seed=0)
     deaf = replace(twin, pump=replace(pump, sensors=pump.sensors[:1]))
     with pytest.raises(
-        InputError, match="'body_y' of the windows is none of the twin's sensors \\(cover_z\\)"
+        InputError, match="'body_y' of the windows is not among the twin's sensors \\(cover_z\\)"
     ):
         simulate_windows(deaf, count=1, like=measured, seed=0)
     only_synthetic = simulate_windows(twin, count=2, like=measured, seed=0)
@@ -247,7 +247,7 @@ def test_a_calibration_and_a_fault_are_enough(
     assert len(measured + windows) == len(measured) + 4
     elsewhere = synthesize(calibration, None, count=2, like=measured, pressure=MPa(5))
     np.testing.assert_array_equal(elsewhere.discharge_pressure, MPa(5))
-    assert not any("the calibration read" in note for note in windows.notes)
+    assert not any("The calibration read" in note for note in windows.notes)
     of_one = replace(
         calibration,
         posterior=replace(
@@ -257,7 +257,7 @@ def test_a_calibration_and_a_fault_are_enough(
     )
     noted = synthesize(of_one, fault, count=1, like=measured, values="nominal").notes[-1]
     assert noted.startswith(
-        "the calibration read cover_z, and not body_y, body_x, whose gains are those of the pump file"
+        "The calibration read cover_z, but not body_y, body_x: the gains of these are those of the pump"
     )
 
 

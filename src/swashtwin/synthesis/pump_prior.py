@@ -1,4 +1,4 @@
-"""What is taken for granted of pumps that nobody has measured, and what may be wrong with them."""
+"""Prior knowledge of pumps that nobody has measured: their spread, and what may be wrong."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -28,7 +28,7 @@ from swashtwin.pump import (
 
 @dataclass(frozen=True)
 class PumpPrior:
-    """Widths of all draws; a standard deviation of a natural logarithm where no unit stands."""
+    """Widths of all draws: standard deviations of natural logarithms, unless a unit is given."""
 
     pump: Pump = field(default_factory=lambda: load_pump("25scy14-1b"))
     """The drawing."""
@@ -37,39 +37,39 @@ class PumpPrior:
     pressure: tuple[float, float] = (0.15, 1.15)
     """Range of the discharge pressure over the rated one, uniform."""
     interfaces: float = 0.7
-    """Of each interface value from pump to pump: 95 % lie within a factor of four of the drawing
+    """Spread of each interface value from pump to pump: 95 % lie within a factor of four of the drawing
     (physics.md, 4: a film of 7.5 or of 10 um).
     """
     assembly: float = 0.15
-    """Of each interface value from one assembly of a pump to the next."""
+    """Spread of each interface value from one assembly of a pump to the next."""
     supports: float = 0.2
-    """Of the stiffness of mounting and bearings, each axis and bearing on its own (physics.md:
-    +-15...20 %).
+    """Spread of the stiffness of mounting and bearings, independent for each axis and bearing
+    (physics.md: +-15...20 %).
     """
     clearances: float = 0.15
-    """Of the pistons' clearances, relative."""
+    """Standard deviation of the pistons' clearances, relative."""
     slippers: float = 0.1
-    """Of how far each slipper follows a recess (physics.md, 3)."""
+    """Standard deviation of the share by which each slipper follows a recess (physics.md, 3)."""
     timing: float = deg(0.7)
-    """Of the angle at which a port opens [rad]."""
+    """Standard deviation of the angle at which a port opens [rad]."""
     unbalance: float = 0.5
-    """Of the rotor's eccentricity."""
+    """Spread of the rotor's eccentricity."""
     temperature: tuple[float, float] = (celsius(30), celsius(60))
     """Range of the oil temperature [K], uniform, drawn for each recording."""
     viscosity: tuple[float, float] = (0.4, 1.0)
     """Range of the power with which the films' damping follows the viscosity."""
     speed_setting: float = 0.01
-    """Half-width of the speed around the set one, relative: what the product takes for one
-    operating point.
+    """Half-width of the speed around the set one, relative: what counts as the same operating
+    point.
     """
     pressure_setting: float = 0.06
-    """The same of the discharge pressure."""
+    """Half-width of the discharge pressure around the set one, relative."""
     wandering: tuple[float, float] = (0.0005, 0.006)
     """Half-width of the speed's variation within a recording, relative, log-uniform."""
     care: tuple[float, float] = (0.1, 1.0)
-    """Range of a pump's share in what differs from recording to recording (assembly, setting,
-    sensors), log-uniform: a pump that is never opened and runs at a controlled point differs
-    little.
+    """Range of the factor on what differs from recording to recording (assembly, setting,
+    sensors), log-uniform: a pump that is never opened and runs at a controlled operating point
+    differs little.
     """
     modes: int = 5
     """Modes of the housing, log-uniform in frequency."""
@@ -78,8 +78,8 @@ class PumpPrior:
     mode_share: float = 0.08
     """Standard deviation of a mode's share in a sensor."""
     cross_talk: float = 0.1
-    """Standard deviation of what a sensor reads of another one's direction, of a pump and again of
-    each assembly.
+    """Standard deviation of the share that a sensor reads of another one's direction, for a pump
+    and again for each assembly.
     """
     mounting: tuple[float, float] = (4000.0, 25000.0)
     """Range of a sensor's mounted resonance [Hz], log-uniform (ISO 5348: magnet to stud), 3 % apart
@@ -92,10 +92,10 @@ class PumpPrior:
     noise: tuple[float, float] = (0.01, 0.6)
     """Range of the noise over the root mean square of a healthy recording, log-uniform."""
     noise_scatter: tuple[float, float] = (0.05, 0.5)
-    """Range of the deviation of its power from one recording to the next, log-uniform."""
+    """Range of the spread of its power from one recording to the next, log-uniform."""
     noise_rise: float = 3.4
-    """Most by which a fault raises its power in the pumps where it does: a factor of 30, of which
-    cavitation and worn ports are known.
+    """Maximum logarithm by which a fault raises the power of the noise: a factor of 30, as
+    cavitation and worn ports do.
     """
     impulse: tuple[float, float] = (0.002, 0.2)
     """Range of an impact's impulse [N s], log-uniform (physics.md, 5: 0.03 at a recess, 0.04...0.25
@@ -104,7 +104,7 @@ class PumpPrior:
     pulse: tuple[float, float] = (5e-5, 5e-4)
     """Range of its duration [s], log-uniform (physics.md, 5: 0.1...0.3 ms)."""
     irregular: tuple[float, float] = (0.1, 1.0)
-    """Range of the deviation of an impulse from turn to turn, relative."""
+    """Range of the standard deviation of an impulse from turn to turn, relative."""
     ringing: tuple[float, float] = (800.0, 10000.0)
     """Range of the resonances [Hz] of what is struck, log-uniform."""
     foreign: tuple[float, float] = (1e-6, 1e-1)
@@ -113,32 +113,36 @@ class PumpPrior:
     """
 
     def __post_init__(self) -> None:
-        for name in (
-            "speed",
-            "pressure",
-            "temperature",
-            "mode_frequency",
-            "following",
-            "noise",
-            "impulse",
-            "pulse",
-        ):
+        for name in _POSITIVE_RANGES:
             low, high = getattr(self, name)
             if not 0 < low <= high:
                 raise InputError(
-                    f"the {name} of a pump prior ({low:g} to {high:g}) must rise from a positive value."
+                    f"The {name} of a pump prior ({low:g} to {high:g}) must rise from a positive "
+                    "value."
                 )
+
+
+_POSITIVE_RANGES = (
+    "speed",
+    "pressure",
+    "temperature",
+    "mode_frequency",
+    "following",
+    "noise",
+    "impulse",
+    "pulse",
+)
 
 
 def spread(
     rng: np.random.Generator, deviation: float, shape: int | tuple[int, ...]
 ) -> Float[np.ndarray, "..."]:
-    """Factors with a log-normal spread around 1."""
+    """Return factors with a log-normal spread around 1."""
     return np.exp(rng.normal(0, deviation, shape))
 
 
 def log_uniform(rng: np.random.Generator, limits: tuple[float, float]) -> float:
-    """A number between two limits, its logarithm uniform."""
+    """Return a number between two limits whose logarithm is uniform."""
     return float(np.exp(rng.uniform(*np.log(limits))))
 
 
@@ -149,7 +153,7 @@ def drawn_modes(
     frequency: tuple[float, float],
     share: float,
 ) -> SensorPath:
-    """Modes with random frequencies and shares."""
+    """Return a sensor path of modes with random frequencies and shares."""
     return SensorPath(
         gain=(1.0,) * channels,
         frequency=tuple(log_uniform(rng, frequency) for _ in range(count)),
@@ -164,35 +168,48 @@ def smooth_curves(
     shape: tuple[int, ...],
     frequency: Float[np.ndarray, " line"],
 ) -> Float[np.ndarray, "... line"]:
-    """Random curves over the logarithm of the frequency, with six knots."""
-    knots = np.linspace(np.log(frequency[0]), np.log(frequency[-1]), 6)
-    at = np.searchsorted(knots, np.log(frequency)).clip(1, 5)
-    share = (np.log(frequency) - knots[at - 1]) / (knots[at] - knots[at - 1])
-    values = rng.normal(0, deviation, (*shape, 6))
-    return np.asarray(values[..., at - 1] * (1 - share) + values[..., at] * share)
+    """Return random curves over the logarithm of the frequency, linear between six knots."""
+    log_frequency = np.log(frequency)
+    knots = np.linspace(log_frequency[0], log_frequency[-1], _N_KNOTS)
+    right = np.searchsorted(knots, log_frequency).clip(1, _N_KNOTS - 1)
+    left = right - 1
+    share = (log_frequency - knots[left]) / (knots[right] - knots[left])
+    values = rng.normal(0, deviation, (*shape, _N_KNOTS))
+    return np.asarray(values[..., left] * (1 - share) + values[..., right] * share)
+
+
+_N_KNOTS = 6
 
 
 def operating_range(
     pump: Pump, prior: PumpPrior
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of a drawing's speed [rad/s] and discharge pressure [Pa]; an `InputError` where none
-    is rated.
+    """Return the ranges of a drawing's speed [rad/s] and discharge pressure [Pa].
+
+    Raises
+    ------
+    InputError
+        The drawing states no rated speed and pressure.
     """
-    if pump.rated is None:
-        raise InputError(
-            f"{pump.name} states no [rated] speed and discharge_pressure; add them to its file."
-        )
-    low, high = prior.speed
-    least, most = prior.pressure
     rated = pump.rated
-    return (low * rated.speed, high * rated.speed), (
-        least * rated.discharge_pressure,
-        most * rated.discharge_pressure,
+    if rated is None:
+        raise InputError(
+            f"{pump.name} states no rated speed and pressure. Add a table [rated] with speed and "
+            "discharge_pressure to the pump file."
+        )
+
+    min_speed, max_speed = prior.speed
+    min_pressure, max_pressure = prior.pressure
+    speed_range = (min_speed * rated.speed, max_speed * rated.speed)
+    pressure_range = (
+        min_pressure * rated.discharge_pressure,
+        max_pressure * rated.discharge_pressure,
     )
+    return speed_range, pressure_range
 
 
 def draw_drawing(rng: np.random.Generator) -> Pump:
-    """Drawing of a pump scaled from that of the 25SCY14-1B (`pump.scaled_pump`).
+    """Draw a pump scaled from the drawing of the 25SCY14-1B (`pump.scaled_pump`).
 
     It has 5 to 11 pistons, 10 to 200 mL, 1000 to 2600 rev/min and 14 to 35 MPa: what catalogs
     offer.
@@ -207,17 +224,18 @@ def draw_drawing(rng: np.random.Generator) -> Pump:
         )
         try:
             return scaled_pump(load_pump("25scy14-1b"), plate, "a swash plate pump")
-        except InputError:  # parts that do not fit each other
+        except InputError:
+            # The scaled parts of some nameplates do not fit each other; draw another one.
             continue
 
 
 OTHER = "other"
-"""Class of what is wrong with a pump and is none of the four faults."""
+"""Class of what is wrong with a pump and is not one of the four faults."""
 
 
 @dataclass(frozen=True, eq=False)
 class Impacts:
-    """What strikes, once a turn and piston at each of some angles, more or less irregularly."""
+    """Impacts once a turn and piston at each of some angles, more or less irregular."""
 
     impulse: float
     """Mean impulse [N s]."""
@@ -244,20 +262,19 @@ class Trouble:
 
 
 def plausible_fault(label: str, rng: np.random.Generator) -> Fault | None:
-    """Fault of a class with a severity log-uniform over a decade around what physics.md, section 5,
-    calls plausible.
+    """Draw a fault of a class; None if the class is not one of the four faults.
 
-    The middles: recess 0.1 mm (what rejects a pump), bush 120 um, clearance 40 um, dam scratch 1
-    mm^2, grooves 2 deg, plate film 7 um. A defect is anywhere on the pressure side; a bush is felt
-    over +-20...50 deg. No law of contact is known to hold, so a recess is drawn with each.
+    Its severity is log-uniform over a decade around what physics.md, section 5, calls plausible:
+    recess 0.1 mm (which rejects a pump), bush 120 um, clearance 40 um, dam scratch 1 mm^2, grooves
+    2 deg, plate film 7 um. A defect is anywhere on the pressure side; a bush acts over
+    +-20...50 deg. No law of contact is known to hold, so one is drawn for each recess.
     """
     factor = float(10 ** rng.uniform(-0.5, 0.5))
     angle = math.radians(rng.uniform(200, 340))
     if label == "swash_plate":
         recess = SwashPlateDefect(depth=mm(0.1) * factor, length=mm(30), width=mm(24), angle=angle)
-        return replace(
-            recess, contact=rng.choice(("shared", "lift_off", "physical"), p=(0.5, 0.35, 0.15))
-        )
+        contact = rng.choice(("shared", "lift_off", "physical"), p=(0.5, 0.35, 0.15))
+        return replace(recess, contact=contact)
     if label == "cylinder_block":
         return BoreDefect(depth=um(120) * factor, half_width=deg(rng.uniform(20, 50)), angle=angle)
     if label == "piston":
@@ -266,12 +283,26 @@ def plausible_fault(label: str, rng: np.random.Generator) -> Fault | None:
         kind = rng.random()
         if kind < 0.4:
             return DamScratch(area=1e-6 * factor)
-        return (
-            GrooveErosion(advance=deg(2) * factor)
-            if kind < 0.8
-            else ValvePlateWear(film_increase=um(7) * factor)
-        )
+        if kind < 0.8:
+            return GrooveErosion(advance=deg(2) * factor)
+        return ValvePlateWear(film_increase=um(7) * factor)
     return None
+
+
+_OTHER_KINDS = (
+    "sealing_land",
+    "loose_slipper",
+    "tilted_block",
+    "two_faults",
+    "noise",
+    "bearing",
+    "unbalance",
+)
+"""Kinds of trouble that the four classes do not contain."""
+_OTHER_SHARES = (0.15, 0.15, 0.1, 0.25, 0.1, 0.15, 0.1)
+"""Probability of each kind [estimate]."""
+_ALONG_SLIPPERS, _ACROSS_BORE, _ALONG_VALVE_PLATE = range(3)
+"""Directions of `Impacts`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,72 +316,91 @@ class Troubles:
     pump: Pump
 
     def of(self, label: str) -> Trouble:
-        """What is wrong in a recording of a class."""
-        rng = self.rng
+        """Draw what is wrong in a recording of a class."""
         if label == "normal":
             return Trouble()
         if label == OTHER:
             return self._other()
-        fault = plausible_fault(label, rng)
+
+        fault = plausible_fault(label, self.rng)
         assert fault is not None
-        return Trouble((fault,), self._strikes(fault) if self.program else (), self._noise_rise())
+        impacts = self._impacts(fault)
+        return Trouble((fault,), impacts, self._noise_rise())
 
     def _noise_rise(self) -> float:
-        return float(self.rng.uniform(0, self.prior.noise_rise)) if self.program == 2 else 0.0
+        if self.program != 2:
+            return 0.0
+        return float(self.rng.uniform(0, self.prior.noise_rise))
 
     def _other(self) -> Trouble:
-        """What the four classes do not hold."""
-        rng, factor = self.rng, float(10 ** self.rng.uniform(-0.5, 0.5))
-        rise = self._noise_rise()
-        kind = rng.choice(7, p=(0.15, 0.15, 0.1, 0.25, 0.1, 0.15, 0.1))
-        if kind == 0:
-            return Trouble((SealingLandScratch(conductance=1.2e-12 * factor),), noise=rise)
-        if kind == 1:
-            return Trouble((LooseSlipper(clearance=mm(0.1) * factor),), noise=rise)
-        if kind == 2:
-            return Trouble((TiltedBlockFace(variation=min(0.25 * factor, 0.9)),), noise=rise)
-        if kind == 3:
-            first, second = rng.permutation(
-                ["swash_plate", "cylinder_block", "piston", "valve_plate"]
-            )[:2]
-            faults = tuple(plausible_fault(str(label), rng) for label in (first, second))
-            strikes = (
-                tuple(item for fault in faults for item in self._strikes(fault))
-                if self.program
-                else ()
-            )
-            return Trouble(faults, strikes, rise)  # type: ignore[arg-type]
-        if kind == 4:
-            return Trouble(noise=float(rng.uniform(0.5, self.prior.noise_rise)))
-        if kind == 5:
-            return Trouble(noise=rise, bearing=log_uniform(rng, (1e-3, 1.0)))
-        return Trouble(noise=rise, unbalance=float(rng.uniform(3, 30)))
-
-    def _strikes(self, fault: Fault | None) -> tuple[Impacts, ...]:
-        """Impacts of a fault at the edges of a defect, or where the force on a piston changes its
-        sign.
-        """
+        """Draw a trouble that the four classes do not contain."""
         rng = self.rng
-        count, impulse = self.pump.rotating_group.piston_count, log_uniform(rng, self.prior.impulse)
-        alone, all_pistons = np.eye(count)[0], spread(rng, 0.3, count)
+        factor = float(10 ** rng.uniform(-0.5, 0.5))
+        noise_rise = self._noise_rise()
+        kind = _OTHER_KINDS[rng.choice(len(_OTHER_KINDS), p=_OTHER_SHARES)]
+
+        if kind == "sealing_land":
+            return Trouble((SealingLandScratch(conductance=1.2e-12 * factor),), noise=noise_rise)
+        if kind == "loose_slipper":
+            return Trouble((LooseSlipper(clearance=mm(0.1) * factor),), noise=noise_rise)
+        if kind == "tilted_block":
+            return Trouble((TiltedBlockFace(variation=min(0.25 * factor, 0.9)),), noise=noise_rise)
+        if kind == "two_faults":
+            return self._two_faults(noise_rise)
+        if kind == "noise":
+            return Trouble(noise=float(rng.uniform(0.5, self.prior.noise_rise)))
+        if kind == "bearing":
+            return Trouble(noise=noise_rise, bearing=log_uniform(rng, (1e-3, 1.0)))
+        return Trouble(noise=noise_rise, unbalance=float(rng.uniform(3, 30)))
+
+    def _two_faults(self, noise_rise: float) -> Trouble:
+        labels = ["swash_plate", "cylinder_block", "piston", "valve_plate"]
+        faults: list[Fault] = []
+        for label in self.rng.permutation(labels)[:2]:
+            fault = plausible_fault(str(label), self.rng)
+            assert fault is not None
+            faults.append(fault)
+
+        impacts: tuple[Impacts, ...] = ()
+        for fault in faults:
+            impacts += self._impacts(fault)
+        return Trouble(tuple(faults), impacts, noise_rise)
+
+    def _impacts(self, fault: Fault) -> tuple[Impacts, ...]:
+        """Draw the impacts of a fault; none in a pump whose faults do not strike.
+
+        They are at the edges of a defect, or where the force on a piston changes its sign.
+        """
+        if not self.program:
+            return ()
+
+        rng = self.rng
+        group = self.pump.rotating_group
+        impulse = log_uniform(rng, self.prior.impulse)
+        first_piston = np.eye(group.piston_count)[0]
+        all_pistons = spread(rng, 0.3, group.piston_count)
         if isinstance(fault, BoreDefect):
             edges = (fault.angle - fault.half_width, fault.angle + fault.half_width)
-            return (Impacts(impulse, _some(edges, rng), alone, 1),)
+            return (Impacts(impulse, self._one_or_all(edges), first_piston, _ACROSS_BORE),)
         if isinstance(fault, SwashPlateDefect):
-            reach = fault.length / 2 / self.pump.rotating_group.pitch_radius
-            return (
-                Impacts(
-                    impulse, _some((fault.angle - reach, fault.angle + reach), rng), all_pistons, 0
-                ),
-            )
-        if rng.random() < 0.5:  # leakage alone
+            reach = fault.length / 2 / group.pitch_radius
+            edges = (fault.angle - reach, fault.angle + reach)
+            return (Impacts(impulse, self._one_or_all(edges), all_pistons, _ALONG_SLIPPERS),)
+
+        # Half of the other faults only leak.
+        if rng.random() < 0.5:
             return ()
-        angles = _some((math.radians(8), math.radians(188)), rng)
+        angles = self._one_or_all((math.radians(8), math.radians(188)))
         if isinstance(fault, PistonWear):
-            return (Impacts(impulse, angles, alone, int(rng.choice([0, 1]))),)
-        return (Impacts(impulse, angles, all_pistons, int(rng.choice([0, 2]))),)
+            shares = first_piston
+            directions = [_ALONG_SLIPPERS, _ACROSS_BORE]
+        else:
+            shares = all_pistons
+            directions = [_ALONG_SLIPPERS, _ALONG_VALVE_PLATE]
+        return (Impacts(impulse, angles, shares, int(rng.choice(directions))),)
 
-
-def _some(angles: tuple[float, ...], rng: np.random.Generator) -> tuple[float, ...]:
-    """One of the angles, or all."""
-    return angles if rng.random() < 0.5 else (angles[int(rng.integers(len(angles)))],)
+    def _one_or_all(self, angles: tuple[float, ...]) -> tuple[float, ...]:
+        """Return one of the angles, or all of them, with equal probability."""
+        if self.rng.random() < 0.5:
+            return angles
+        return (angles[int(self.rng.integers(len(angles)))],)

@@ -244,7 +244,7 @@ def test_no_row_is_lost_in_silence(text: str, message: str, tmp_path: Path) -> N
 def test_a_bomb_and_an_endless_line_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(csv, "_LONGEST_TEXT", 1 << 16)
+    monkeypatch.setattr(csv, "_UNLIMITED_TEXT_BYTES", 1 << 16)
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"x\n" + b"0\n" * (1 << 18)))
     with pytest.raises(DataError, match="unpacks to more than 300 times its size"):
         csv.read(tmp_path / "a.csv.gz", ReadOptions())

@@ -1,6 +1,4 @@
-"""Text tables: any separator, decimal comma, a block of header lines, time stamps, plain or
-gzipped.
-"""
+"""Text tables: any separator, decimal comma, header lines, time stamps; plain or gzipped."""
 
 import codecs
 import gzip
@@ -22,12 +20,12 @@ from swashtwin.foundation import (
 )
 from swashtwin.recordings.formats.clock import extract_time, find_time_column, require_one_rate
 from swashtwin.recordings.formats.dialects import (
-    HEAD,
+    HEAD_LINES,
     MISSING,
     NUMBER,
     THOUSANDS,
     Kind,
-    dialect_of,
+    detect_dialect,
     split_line,
 )
 from swashtwin.recordings.formats.headings import (
@@ -43,269 +41,361 @@ from swashtwin.recordings.recording import Recording
 
 polars: Any = load_extra("polars", "readers", "a text table")
 
-_BYTES = 1 << 24
-"""Longest line, and bytes at the beginning that hold the head."""
-_EXPANSION = 300
-"""Bytes of text per byte of a gzipped file beyond which it holds no measurement."""
-_FORTRAN = re.compile(rb"(?<=\d|\.)[dD](?=[+-]?\d)")
-"""The mark of an exponent as Fortran writes it."""
-_LONGEST_TEXT = 1 << 28
-"""Bytes of text that any gzipped file may hold."""
-_WHOLE = 3
-"""Bytes of memory per byte of text: the lines, their fields, and the numbers."""
+_MAX_HEAD_BYTES = 1 << 24
+"""Longest line, and bytes at the beginning in which the head lies."""
+_FURTHER_HEAD_LINES = 40
+"""Lines of the head below those in which the first row is searched."""
+_MAX_HEADER_ATTRIBUTE = 2000
+"""Characters of the header that are kept as an attribute."""
+_MAX_EXPANSION = 300
+"""Bytes of text per byte of a gzipped file; more is not a measurement."""
+_UNLIMITED_TEXT_BYTES = 1 << 28
+"""Text that any gzipped file may hold."""
+_BYTES_IN_MEMORY = 3
+"""Memory per byte of text: the lines, their fields, and the numbers."""
+_FORTRAN_EXPONENT = re.compile(rb"(?<=\d|\.)[dD](?=[+-]?\d)")
 
 
 def read(path: Path, options: ReadOptions) -> RawFile:
-    """Columns, rate and units of a text table, which is read whole.
+    """Return columns, rate and units of a text table, which is read whole.
 
-    Columns of text are left out; the attribute ``text_columns`` names them. A column of time stamps
-    gives the rate where no column of numbers is the time.
+    Columns of text are excluded; the attribute ``text_columns`` names them. A column of time stamps
+    gives the rate if no column of numbers is the time.
     """
-    text = _text_of(path)
-    most = HEAD + 40 + (options.header_lines or 0)
-    head = text[:_BYTES].split(b"\n", most)[:most]
-    if max(map(len, head)) >= _BYTES:
-        raise DataError(f"{path} has a line of more than {_BYTES >> 20} MB; that is no table.")
+    text = _read_text(path)
+
+    line_count = HEAD_LINES + _FURTHER_HEAD_LINES + (options.header_lines or 0)
+    head = text[:_MAX_HEAD_BYTES].split(b"\n", line_count)[:line_count]
+    if max(map(len, head)) >= _MAX_HEAD_BYTES:
+        raise DataError(
+            f"{path} has a line of more than {_MAX_HEAD_BYTES >> 20} MB; it is not a table."
+        )
+
     return _Table(path, text, [_decode(line) for line in head], options).raw_file(options)
 
 
 class _Table:
+    """A text table whose dialect is known.
+
+    If the header is repeated, another recording begins: the breaks are found when the rows are
+    parsed.
+    """
+
     def __init__(self, path: Path, text: bytes, lines: Sequence[str], options: ReadOptions) -> None:
         self._path = path
-        self._dialect = dialect_of(path, lines, options)
+        self._dialect = detect_dialect(path, lines, options)
         self._names, self._units = self._dialect.headings()
         self._kinds = list(self._dialect.kinds)
         self._start = self._dialect.start
-        self._header = "\n".join(lines[: self._start])
-        self._attributes = {"header": self._header[:2000]} if self._start > 1 else {}
-        separator = self._dialect.separator
-        self._keys = {
-            split_line(line.strip(), separator)[0] for line in lines[: self._start] if line.strip()
-        }
         self._breaks: list[int] = []
-        body = _trimmed(text.split(b"\n", self._start)[-1], separator.encode())
-        end = body.find(
-            b"\n", len(body.rstrip(b"\n" + separator.encode()))
-        )  # rows without a value at the end
+
+        header_lines = lines[: self._start]
+        self._header = "\n".join(header_lines)
+        separator = self._dialect.separator
+        self._header_keys = {
+            split_line(line.strip(), separator)[0] for line in header_lines if line.strip()
+        }
+        """First field of each header line."""
+
+        body = _trim_blanks(text.split(b"\n", self._start)[-1], separator.encode())
+        last_value = len(body.rstrip(b"\n" + separator.encode()))
+        end = body.find(b"\n", last_value)  # rows without any value may follow
         self._body = body if end < 0 else body[:end]
 
-    def _frame(self, body: bytes) -> Any:
-        """The fields of whole lines as a table of polars; a blank field is null."""
-        separator, comma = self._dialect.separator, self._dialect.decimal == ","
-        if (b"D" in body or b"d" in body) and _FORTRAN.search(body):
-            body = _FORTRAN.sub(b"e", body)
-        numbers = (
-            polars.String if comma and b"." in body else polars.Float64
-        )  # polars takes a point for a comma, too
-        try:
-            frame = polars.read_csv(
-                io.BytesIO(body),
-                has_header=False,
-                separator=separator,
-                decimal_comma=comma,
-                null_values=list(MISSING),
-                quote_char='"' if b'"' in body else None,
-                encoding="utf8-lossy",
-                schema={
-                    str(column): numbers if kind is Kind.number else polars.String
-                    for column, kind in enumerate(self._kinds)
-                },
-            )
-        except polars.exceptions.PolarsError as cause:
-            if (rows := self._without_headings(body)) is not None:
-                return self._frame(rows)
-            raise self._damage() from cause
-        lines = body.count(b"\n") + 1
-        has_width = b'"' in body or body.count(separator.encode()) == lines * (len(self._kinds) - 1)
-        if frame.height != lines or not has_width:
-            if (rows := self._without_headings(body)) is not None:
-                return self._frame(rows)
-            raise self._damage()
-        return frame
+    def raw_file(self, options: ReadOptions) -> RawFile:
+        """Return the columns by name, the time as the rate, and the excluded columns' names."""
+        columns, blank_names, stamp_starts = self._parse_columns()
 
-    def _without_headings(self, body: bytes) -> bytes | None:
-        """The rows without lines that begin as one of the header does: another recording begins
-        below them.
-        """
-        separator = self._dialect.separator
-        rows: list[bytes] = []
-        lines = body.split(b"\n")
-        for number, line in enumerate(lines):
-            text = _decode(line).strip()
-            follows = (
-                number + 1 == len(lines)
-                or _decode(lines[number + 1]).strip().split(separator)[0] in self._keys
-            )
-            is_break = self._breaks[-1:] == [len(rows)]
-            if (text and split_line(text, separator)[0] in self._keys) or (
-                not text and (follows or is_break)
-            ):
-                self._breaks += [] if is_break else [len(rows)]
-            else:
-                rows.append(line)
-        if len(rows) == len(lines) or not rows:
-            return None
-        self._breaks = [number for number in self._breaks if number]
-        return b"\n".join(rows)
+        time = find_time_column(self._path, list(columns), options)
+        time = time or next(iter(stamp_starts), None)
+        is_stamp_time = time in stamp_starts
+        attributes = self._table_attributes(blank_names, stamp_starts, time)
 
-    def _columns(self) -> tuple[dict[str, np.ndarray], list[str], dict[str, str | None]]:
-        """Numbers, and seconds of time stamps, by name; names of blank columns; and the start by
-        the time stamps.
-        """
-        frame = self._frame(self._body)
+        columns = {
+            name: values
+            for name, values in columns.items()
+            if name == time or name not in stamp_starts
+        }
+        units = {name: unit for name, unit in self._units.items() if name in columns}
+        if time is not None and is_stamp_time:
+            units[time] = "s"
+        if is_stamp_time or options.time_column is not None:
+            options = replace(options, time_column=time)
+
+        raw = extract_time(self._path, RawFile(columns, None, units, attributes), options)
+        raw = self._with_header_facts(raw, columns, options)
+        return replace(raw, breaks=tuple(self._breaks) or raw.breaks)
+
+    def _table_attributes(
+        self, blank_names: list[str], stamp_starts: dict[str, str | None], time: str | None
+    ) -> dict[str, str]:
+        """Return the header, the excluded columns, and the start by the time stamps."""
+        attributes: dict[str, str] = {}
+        if self._start > 1:
+            attributes["header"] = self._header[:_MAX_HEADER_ATTRIBUTE]
+
+        text_names = [
+            name
+            for name, kind in zip(self._names, self._kinds, strict=True)
+            if kind in (Kind.text, Kind.date)
+        ]
+        text_names += [name for name in stamp_starts if name != time]
+        if text_names:
+            attributes["text_columns"] = ", ".join(text_names)
+
+        named_blanks = [name for name in blank_names if not name.startswith("column_")]
+        if named_blanks:
+            attributes["blank_columns"] = ", ".join(named_blanks)
+
+        start = stamp_starts.get(time or "")
+        if start:
+            attributes["date"] = start
+        return attributes
+
+    def _with_header_facts(
+        self, raw: RawFile, columns: dict[str, np.ndarray], options: ReadOptions
+    ) -> RawFile:
+        """Return the content with units, sensitivities and rate that the header lines state."""
+        pairs = parse_header(self._header)
+        channels = list(raw.columns)
+
+        listed_units = zip(channels, header_units(pairs, len(channels)), strict=True)
+        units = {name: unit for name, unit in listed_units if unit}
+        units |= raw.units
+
+        sensitivities: dict[str, str] = {}
+        texts = read_sensitivities(pairs)
+        if len(texts) == 1:
+            texts *= len(channels)
+        if len(texts) == len(channels):
+            sensitivities = dict(zip(channels, texts, strict=True))
+
+        sampling_pairs = [
+            (name, text)
+            for name, text in pairs
+            if re.match(r"fs|sampl|abtast", name, re.IGNORECASE)
+        ]
+        sampling_rate = header_rate(sampling_pairs)
+        if raw.sample_rate and sampling_rate and options.time_column is None:
+            clock = next(iter(columns.keys() - raw.columns.keys()))
+            require_one_rate(self._path, channels[0], sampling_rate, raw.sample_rate, clock)
+
+        rate = raw.sample_rate or header_rate(pairs)
+        attributes = dict(raw.attributes)
+        if rate and attributes.get("time_gaps", "").startswith(NO_UNIT):
+            del attributes["time_gaps"]
+        return replace(
+            raw,
+            sample_rate=rate,
+            units=units,
+            sensitivities=sensitivities,
+            attributes=attributes,
+        )
+
+    def _parse_columns(
+        self,
+    ) -> tuple[dict[str, np.ndarray], list[str], dict[str, str | None]]:
+        """Return numbers and seconds by name, names of blank columns, and starts of time stamps."""
+        frame = self._parse_frame(self._body)
         columns: dict[str, np.ndarray] = {}
-        blank: list[str] = []
+        blank_names: list[str] = []
         starts: dict[str, str | None] = {}
         for column, (name, kind) in enumerate(zip(self._names, self._dialect.kinds, strict=True)):
             series = frame[str(column)]
-            missing = series.null_count()
             if kind in (Kind.text, Kind.date):
                 continue
-            if missing == frame.height:
-                blank.append(name)
+
+            if series.null_count() == frame.height:
+                blank_names.append(name)
             elif kind is Kind.stamp:
                 columns[name], starts[name] = stamp_seconds(self._path, series)
-                if int(np.isnan(columns[name]).sum()) != missing:
+                if int(np.isnan(columns[name]).sum()) != series.null_count():
                     raise self._damage()
             elif series.dtype == polars.String:
-                if self._dialect.decimal == ",":
-                    series = series.set(series.str.contains(".", literal=True), None)
-                    series = series.str.replace(",", ".", literal=True)
-                numbers = series.cast(polars.Float64, strict=False)
-                if numbers.null_count() == missing:
-                    columns[name] = numbers.to_numpy()
+                numbers = self._parse_numbers(series)
+                if numbers is not None:
+                    columns[name] = numbers
                 elif kind is Kind.blank:
                     self._kinds[column] = Kind.text
                 else:
                     raise self._damage()
             else:
                 columns[name] = series.to_numpy()
-        return columns, blank, starts
+        return columns, blank_names, starts
+
+    def _parse_numbers(self, texts: Any) -> np.ndarray | None:
+        """Return the numbers of a series of texts, or None if one is not a number."""
+        missing_count = texts.null_count()
+        if self._dialect.decimal == ",":
+            texts = texts.set(texts.str.contains(".", literal=True), None)
+            texts = texts.str.replace(",", ".", literal=True)
+        numbers = texts.cast(polars.Float64, strict=False)
+        if numbers.null_count() != missing_count:
+            return None
+        values: np.ndarray = numbers.to_numpy()
+        return values
+
+    def _parse_frame(self, body: bytes) -> Any:
+        """Return the fields of whole lines as a table of polars; a blank field is null."""
+        separator = self._dialect.separator
+        is_decimal_comma = self._dialect.decimal == ","
+        if (b"D" in body or b"d" in body) and _FORTRAN_EXPONENT.search(body):
+            body = _FORTRAN_EXPONENT.sub(b"e", body)
+
+        # With a decimal comma polars takes a point for a comma, too: numbers are then read as text.
+        number_type = polars.String if is_decimal_comma and b"." in body else polars.Float64
+        schema = {
+            str(column): number_type if kind is Kind.number else polars.String
+            for column, kind in enumerate(self._kinds)
+        }
+        try:
+            frame = polars.read_csv(
+                io.BytesIO(body),
+                has_header=False,
+                separator=separator,
+                decimal_comma=is_decimal_comma,
+                null_values=list(MISSING),
+                quote_char='"' if b'"' in body else None,
+                encoding="utf8-lossy",
+                schema=schema,
+            )
+        except polars.exceptions.PolarsError as cause:
+            rows = self._without_repeated_headers(body)
+            if rows is None:
+                raise self._damage() from cause
+            return self._parse_frame(rows)
+
+        # polars fills short rows and drops empty ones in silence.
+        line_count = body.count(b"\n") + 1
+        separator_count = line_count * (len(self._kinds) - 1)
+        has_width = b'"' in body or body.count(separator.encode()) == separator_count
+        if frame.height == line_count and has_width:
+            return frame
+
+        rows = self._without_repeated_headers(body)
+        if rows is None:
+            raise self._damage()
+        return self._parse_frame(rows)
+
+    def _without_repeated_headers(self, body: bytes) -> bytes | None:
+        """Return the rows without lines that begin as one of the header does, and note the breaks.
+
+        None if there is no such line. Blank lines around a header belong to it.
+        """
+        separator = self._dialect.separator
+        lines = body.split(b"\n")
+        rows: list[bytes] = []
+        for number, line in enumerate(lines):
+            text = _decode(line).strip()
+            is_break = self._breaks[-1:] == [len(rows)]
+            if text:
+                is_header = split_line(text, separator)[0] in self._header_keys
+            else:
+                next_lines = lines[number + 1 : number + 2]
+                is_header = is_break or all(
+                    _decode(next_line).strip().split(separator)[0] in self._header_keys
+                    for next_line in next_lines
+                )
+
+            if not is_header:
+                rows.append(line)
+            elif not is_break:
+                self._breaks.append(len(rows))
+
+        if len(rows) == len(lines) or not rows:
+            return None
+        self._breaks = [row for row in self._breaks if row]
+        return b"\n".join(rows)
 
     def _damage(self) -> DataError:
-        decimal, width = self._dialect.decimal, len(self._kinds)
+        """Return the error of the first damaged line."""
         for number, line in enumerate(self._body.split(b"\n"), self._start + 1):
             fields = split_line(_decode(line), self._dialect.separator)
-            if self._breaks and (not line.strip() or fields[0] in self._keys):
+            if self._breaks and (not line.strip() or fields[0] in self._header_keys):
                 continue
-            advice = (
-                f", or say header_lines = {number} if the table begins below it"
-                if number <= HEAD
-                else ""
-            )
-            if len(fields) != width:
-                reason = f"has {len(fields)} columns, not {width}; the file may be cut off{advice}"
-                return DataError(f"{self._path}: line {number} {reason}.")
-            for field, kind, name in zip(fields, self._kinds, self._names, strict=True):
-                if reason := _misread(field, kind, decimal):
-                    has_number = any(NUMBER[decimal].fullmatch(other) for other in fields)
-                    advice = advice if reason.endswith("it") and not has_number else ""
-                    where = f"{self._path}: line {number}: {field[:40]!r} in column {name!r}"
-                    return DataError(f"{where} {reason}{advice}.")
+
+            # A line above which the table does not begin yet looks like a damaged one.
+            remedy = ""
+            if number <= HEAD_LINES:
+                remedy = f"Set {{header_lines={number}}} if the table begins below it."
+            if len(fields) != len(self._kinds):
+                return DataError(
+                    f"{self._path}: line {number} has {len(fields)} columns, "
+                    f"not {len(self._kinds)}; the file may be cut off.",
+                    field="header_lines" if remedy else "",
+                    remedy=remedy,
+                )
+
+            error = self._field_damage(number, fields, remedy)
+            if error is not None:
+                return error
         return DataError(
             f"{self._path}: the rows after line {self._start} cannot be read; the file is damaged."
         )
 
-    def raw_file(self, options: ReadOptions) -> RawFile:
-        """The columns under their names, the time as the rate, and which columns were left out."""
-        columns, blank, stamps = self._columns()
-        words = [
-            name
-            for name, kind in zip(self._names, self._kinds, strict=True)
-            if kind in (Kind.text, Kind.date)
-        ]
-        time = find_time_column(self._path, list(columns), options) or next(iter(stamps), None)
-        left_out = {
-            "text_columns": [*words, *(name for name in stamps if name != time)],
-            "blank_columns": [name for name in blank if not name.startswith("column_")],
-        }
-        attributes = self._attributes | {
-            key: ", ".join(texts) for key, texts in left_out.items() if texts
-        }
-        if start := stamps.get(time or ""):
-            attributes["date"] = start
-        columns = {
-            name: values for name, values in columns.items() if name == time or name not in stamps
-        }
-        units = {
-            name: "s" if name in stamps else unit
-            for name, unit in self._units.items()
-            if name in columns
-        }
-        if time in stamps:
-            units[time] = "s"
-        if time in stamps or options.time_column is not None:
-            options = replace(options, time_column=time)
-        raw = extract_time(self._path, RawFile(columns, None, units, attributes), options)
-        pairs, channels = parse_header(self._header), list(raw.columns)
-        stated = zip(channels, header_units(pairs, len(channels)), strict=True)
-        units = {name: unit for name, unit in stated if unit} | dict(raw.units)
-        texts = read_sensitivities(pairs)
-        texts = texts * len(channels) if len(texts) == 1 else texts
-        sensitivities = (
-            dict(zip(channels, texts, strict=True)) if len(texts) == len(channels) else {}
-        )
-        of_samples = header_rate(
-            (name, text)
-            for name, text in pairs
-            if re.match(r"fs|sampl|abtast", name, re.IGNORECASE)
-        )
-        if raw.sample_rate and of_samples and options.time_column is None:
-            clock = next(iter(columns.keys() - raw.columns.keys()))
-            require_one_rate(self._path, channels[0], of_samples, raw.sample_rate, clock)
-        rate, attributes = raw.sample_rate or header_rate(pairs), dict(raw.attributes)
-        if rate and attributes.get("time_gaps", "").startswith(NO_UNIT):
-            del attributes["time_gaps"]
-        facts: dict[str, Any] = {
-            "units": units,
-            "sample_rate": rate,
-            "sensitivities": sensitivities,
-        }
-        return replace(
-            raw, attributes=attributes, breaks=tuple(self._breaks) or raw.breaks, **facts
-        )
-
-
-def _misread(field: str, kind: Kind, decimal: str) -> str:
-    """Why a field is not of the kind of its column; empty where it is."""
-    if kind is Kind.number and field not in MISSING and not NUMBER[decimal].fullmatch(field):
-        if THOUSANDS.fullmatch(field):
-            return "has marks for thousands; write the numbers without them"
-        return "is not a number; correct it"
-    return "is not a time stamp" if kind is Kind.stamp and field and not is_stamp(field) else ""
+    def _field_damage(self, number: int, fields: list[str], remedy: str) -> DataError | None:
+        """Return the error of the first field that is not of its column's kind, or None."""
+        is_number = NUMBER[self._dialect.decimal].fullmatch
+        for field, kind, name in zip(fields, self._kinds, self._names, strict=True):
+            location = f"{self._path}: line {number}: {field[:40]!r} in column {name!r}"
+            if kind is Kind.number and field not in MISSING and not is_number(field):
+                if THOUSANDS.fullmatch(field):
+                    return DataError(
+                        f"{location} has marks for thousands; write the numbers without them."
+                    )
+                if any(is_number(text) for text in fields):
+                    remedy = ""  # a row of the table, in which this field is damaged
+                return DataError(
+                    f"{location} is not a number; correct it.",
+                    field="header_lines" if remedy else "",
+                    remedy=remedy,
+                )
+            if kind is Kind.stamp and field and not is_stamp(field):
+                return DataError(f"{location} is not a time stamp.")
+        return None
 
 
 def write(recording: Recording, path: Path) -> None:
-    """Write time and channels as comma-separated text, full double precision."""
+    """Write time and channels as comma-separated text in full double precision."""
     table = {"time [s]": recording.time}
-    headings = [spreadsheet_text(f"{name} [{recording.unit}]") for name in recording.channels]
-    table |= dict(zip(headings, recording.signal, strict=True))
+    for name, samples in zip(recording.channels, recording.signal, strict=True):
+        table[spreadsheet_text(f"{name} [{recording.unit}]")] = samples
     with path.open("wb") as file:
         polars.DataFrame(table).write_csv(file)
 
 
-def _text_of(path: Path) -> bytes:
-    """The text in UTF-8 or Latin-1, each line ended by a line feed."""
+def _read_text(path: Path) -> bytes:
+    """Return the text in UTF-8 or Latin-1, with a line feed at the end of each line."""
     size = path.stat().st_size
     if path.suffix.lower() == ".gz":
-        plausible = max(_EXPANSION * size, _LONGEST_TEXT)
-        with gzip.open(path) as file:
-            text = file.read(min(plausible, memory_limit() // _WHOLE) + 1)
-        if len(text) > plausible:
-            raise DataError(
-                f"{path} unpacks to more than {_EXPANSION} times its size; that is no measurement."
-            )
-        require_memory(path, _WHOLE * len(text))
+        text = _unpack(path, size)
     else:
-        require_memory(path, _WHOLE * size)
+        require_memory(path, _BYTES_IN_MEMORY * size)
         text = path.read_bytes()
-    text = text.decode("utf-16").encode() if text[:2] in (b"\xff\xfe", b"\xfe\xff") else text
+
+    if text[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        text = text.decode("utf-16").encode()
     text = text.removeprefix(codecs.BOM_UTF8)
     if b"\0" in text[:4096]:
         raise DataError(f"{path} is a binary file, not a text table.")
+
     if b"\r" in text:
         text = text.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    return text.replace("∞".encode(), b"inf").replace("\u2212".encode(), b"-")
+    minus_sign = "\u2212".encode()
+    return text.replace("∞".encode(), b"inf").replace(minus_sign, b"-")
+
+
+def _unpack(path: Path, size: int) -> bytes:
+    """Return the text of a gzipped file of `size` bytes, unless it is implausibly long."""
+    max_length = max(_MAX_EXPANSION * size, _UNLIMITED_TEXT_BYTES)
+    with gzip.open(path) as file:
+        text = file.read(min(max_length, memory_limit() // _BYTES_IN_MEMORY) + 1)
+    if len(text) > max_length:
+        raise DataError(
+            f"{path} unpacks to more than {_MAX_EXPANSION} times its size; it is not a measurement."
+        )
+    require_memory(path, _BYTES_IN_MEMORY * len(text))
+    return text
 
 
 def _decode(data: bytes) -> str:
@@ -315,11 +405,13 @@ def _decode(data: bytes) -> str:
         return data.decode("latin-1")
 
 
-def _trimmed(data: bytes, separator: bytes) -> bytes:
+def _trim_blanks(data: bytes, separator: bytes) -> bytes:
+    """Return lines without blanks around their fields; between words one blank remains."""
     if separator != b"\t" and b"\t" in data:
         data = data.replace(b"\t", b" ")
     if b" " not in data:
         return data
+
     while b"  " in data:
         data = data.replace(b"  ", b" ")
     for mark in {separator, b"\n"} - {b" "}:

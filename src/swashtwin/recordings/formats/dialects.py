@@ -3,7 +3,7 @@
 import csv
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
@@ -29,22 +29,24 @@ NUMBER = {
 """A number with each decimal mark."""
 MISSING = ("", "N/A", "n/a", "#N/A", "NA", "null", "NULL", "None", "-", "--", "---", "?",
            "-nan(ind)", "nan(ind)", "-1.#IND", "1.#QNAN", "#NUM!", "#DIV/0!", "#VALUE!")  # fmt: skip
-"""What programs write for a sample that is missing."""
+"""What programs write for a missing sample."""
 _GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") for mark in ".,"}
 THOUSANDS = re.compile(r"[+-]?\d{1,3}([. ']\d{3})+(,\d+)?|[+-]?\d{1,3}([, ']\d{3})+(\.\d+)?")
 """A number with marks for thousands."""
-_TAIL = 40
-"""Lines at the end of the head that decide what the columns hold."""
-HEAD = 1000
+HEAD_LINES = 1000
 """Lines among which the first row is searched."""
+_TAIL_LINES = 40
+"""Lines at the end of the head that decide what the columns hold."""
+_MAX_SENSORS = 8
+"""More different texts in a column are not names of sensors."""
 _SENSOR_NAME = re.compile(
     r"(?:sensor|channel|node|device|module|ch|addr\w*)?[ _]?(?:id|no|nr)|sensor|node", re.IGNORECASE
 )
-"""Headings of columns that tell which sensor a row is of."""
-_LABVIEW = "***End_of_Header***"
-_NEEDLESS = ("", "Comment")
-"""Last headings for which rows may lack a column: LabVIEW writes one for comments that are none."""
-_TYPES = (
+"""Headings of columns that name the sensor of a row."""
+_LABVIEW_HEADER_END = "***End_of_Header***"
+_OPTIONAL_HEADINGS = ("", "Comment")
+"""Last headings for which rows may lack a column: LabVIEW writes one for comments."""
+_TYPE_NAMES = (
     "float",
     "float32",
     "float64",
@@ -57,10 +59,11 @@ _TYPES = (
     "int32",
     "string",
 )
-"""What a line below the headings may say of numbers, and no heading."""
-_FEW_ROWS = {" ": 8}
-"""Rows that a table with a column of words has at least, two by default: a few lines of prose can
-be alike.
+"""Types of numbers that a line below the headings may name; they are not headings."""
+_MIN_ROWS = {" ": 8}
+"""Minimum rows of a table with a column of words, two by default.
+
+A few lines of prose can have equally many words.
 """
 
 
@@ -75,14 +78,14 @@ class Kind(Enum):
 
 
 def split_line(line: str, separator: str) -> list[str]:
-    """Fields of a line without the blanks and quotation marks around them."""
+    """Return the fields of a line without the blanks and quotation marks around them."""
     if separator == " ":
-        return re.sub(r"\s+([\[(][^\s()\[\]]*[)\]])", r"\1", line).split()  # "x [g]" is one heading
-    fields = (
-        next(csv.reader([line], delimiter=separator), [""])
-        if '"' in line
-        else line.split(separator)
-    )
+        joined_units = re.sub(r"\s+([\[(][^\s()\[\]]*[)\]])", r"\1", line)  # "x [g]" is one heading
+        return joined_units.split()
+
+    fields = line.split(separator)
+    if '"' in line:
+        fields = next(csv.reader([line], delimiter=separator), [""])
     return [field.strip() for field in fields]
 
 
@@ -96,164 +99,207 @@ class Dialect:
     """Lines before the first row."""
     kinds: tuple[Kind, ...]
     header: tuple[list[str], ...]
-    """Fields of the line with the headings, and of the line above it where these can be headings,
-    too.
-    """
+    """Fields of the line with the headings, and of the line above it if these can be headings."""
     rows: list[list[str]]
     """Fields of the rows that decided the kinds."""
 
-    def merit(self) -> tuple[bool, int, int, bool, int]:
-        """Layouts without text first, then most columns of numbers, most rows that fit, the
-        earliest start.
+    def rank(self) -> tuple[bool, int, int, bool, int]:
+        """Return the sort key of the likeliest dialect.
+
+        Dialects without text come first, then most columns of numbers, most rows that fit, a
+        separator other than a blank, and the earliest start.
         """
         counts = Counter(self.kinds)
-        has_time = (
-            counts[Kind.stamp] + counts[Kind.date] > 0
-        )  # a blank may part a date from its time
-        fitting = sum(_fits(row, self.kinds, self.decimal) for row in self.rows)
+        # A blank may separate a date from its time of day: that is still one time.
+        has_time = counts[Kind.stamp] + counts[Kind.date] > 0
+        fitting_rows = sum(_fits(row, self.kinds, self.decimal) for row in self.rows)
         return (
             not counts[Kind.text],
             counts[Kind.number] + has_time,
-            fitting,
+            fitting_rows,
             self.separator != " ",
             -self.start,
         )
 
     def refuse_thousands(self, path: Path) -> None:
-        """Refuse ``1.234,5``, and ``1,234``, which may be a number above one or above a
-        thousand.
-        """
+        """Refuse ``1.234,5``, and ``1,234``, which may be above one or above a thousand."""
         for column, kind in enumerate(self.kinds):
             fields = [row[column] for row in self.rows if row[column]]
-            marked = [field for field in fields if THOUSANDS.fullmatch(field)]
-            if kind is Kind.text and 2 * len(marked) > len(fields):
-                raise DataError(
-                    f"{path}: {marked[0]!r} has marks for thousands; write the numbers without them."
-                )
-            if kind is not Kind.number:
-                continue
-            grouped = [field for field in fields if _GROUPED[self.decimal].fullmatch(field)]
-            short = [field for field in fields if re.fullmatch(r"[+-]?\d{1,3}", field)]
-            if (
-                grouped
-                and len(grouped) + len(short) == len(fields)
-                and (short or self.decimal == ",")
-            ):
-                whole = grouped[0].replace(self.decimal, "")
-                raise DataError(
-                    f"{path}: {grouped[0]!r} may be {whole}, or {grouped[0].replace(self.decimal, '.')}; say decimal = "
-                    f'"{self.decimal}", or write the numbers without marks for thousands.'
-                )
+            if kind is Kind.text:
+                marked = [field for field in fields if THOUSANDS.fullmatch(field)]
+                if 2 * len(marked) > len(fields):
+                    raise DataError(
+                        f"{path}: {marked[0]!r} has marks for thousands; "
+                        "write the numbers without them."
+                    )
+            elif kind is Kind.number:
+                self._refuse_grouped(path, fields)
+
+    def _refuse_grouped(self, path: Path, fields: list[str]) -> None:
+        """Refuse a column in which every number may be grouped, such as ``999`` and ``1,234``."""
+        grouped = [field for field in fields if _GROUPED[self.decimal].fullmatch(field)]
+        short = [field for field in fields if re.fullmatch(r"[+-]?\d{1,3}", field)]
+        if not grouped or len(grouped) + len(short) < len(fields):
+            return
+
+        # 1.234 alone is a number with three decimals, as every instrument writes it.
+        if short or self.decimal == ",":
+            number = grouped[0]
+            as_thousand = number.replace(self.decimal, "")
+            as_decimal = number.replace(self.decimal, ".")
+            raise DataError(
+                f"{path}: {number!r} may be {as_thousand}, or {as_decimal}.",
+                field="decimal",
+                remedy=f"Set {{decimal='{self.decimal}'}}, "
+                "or write the numbers without marks for thousands.",
+            )
 
     def refuse_ambiguous(self, path: Path, lines: Sequence[str]) -> None:
         """Refuse ``3,14``: two columns, or one number with a decimal comma."""
         if self.separator != "," or len(self.kinds) != 2 or self.header:
             return
-        if not any("." in field for row in self.rows for field in row):
+
+        has_point = any("." in field for row in self.rows for field in row)
+        if not has_point:
             raise DataError(
-                f"{path}: line {self.start + 1} ({lines[self.start].strip()!r}) may be two columns or one decimal "
-                'comma; say separator = "," or decimal = ",".'
+                f"{path}: line {self.start + 1} ({lines[self.start].strip()!r}) may be two columns "
+                "or one decimal comma.",
+                field="separator",
+                remedy="Set {separator=','} or {decimal=','}.",
             )
 
     def refuse_other_headings(self, path: Path, lines: Sequence[str]) -> None:
-        """Refuse fewer or more headings, or units, than columns: whose they are cannot be told."""
-        number = next(
-            (number for number in range(self.start - 1, -1, -1) if lines[number].strip()), None
-        )
-        fields = [] if number is None else split_line(_uncommented(lines[number]), self.separator)
-        while fields and fields[-1] in _NEEDLESS:
-            fields.pop()
-        width = max(column for column, kind in enumerate(self.kinds, 1) if kind is not Kind.blank)
-        is_heading = any(
-            fields == header[: len(fields)] and not any(header[len(fields) :])
-            for header in self.header
-        )
-        if not fields or is_heading or (self.separator == " " and not match_time_name(fields[0])):
+        """Refuse a header with fewer or more headings than columns: whose they are is unknown."""
+        filled_lines = (number for number in range(self.start) if lines[number].strip())
+        last_line = max(filled_lines, default=None)
+        if last_line is None:
             return
-        words = (
+
+        fields = split_line(_without_comment_mark(lines[last_line]), self.separator)
+        while fields and fields[-1] in _OPTIONAL_HEADINGS:
+            fields.pop()
+        if not fields or self._is_heading_line(fields):
+            return
+        if self.separator == " " and not match_time_name(fields[0]):
+            return  # a sentence
+
+        width = max(column for column, kind in enumerate(self.kinds, 1) if kind is not Kind.blank)
+        are_words = all(
             not NUMBER[self.decimal].fullmatch(field) and any(map(str.isalpha, field))
             for field in fields
         )
-        if 1 < len(fields) != width and all(words):
+        if 1 < len(fields) != width and are_words:
             raise DataError(
-                f"{path}: line {(number or 0) + 1} has {len(fields)} headings for {width} columns; name each, "
-                f"or say header_lines = {self.start}."
+                f"{path}: line {last_line + 1} has {len(fields)} headings for {width} columns.",
+                field="header_lines",
+                remedy=f"Name each column, or set {{header_lines={self.start}}}.",
             )
 
+    def _is_heading_line(self, fields: list[str]) -> bool:
+        count = len(fields)
+        return any(fields == header[:count] and not any(header[count:]) for header in self.header)
+
     def refuse_tagged(self, path: Path, lines: Sequence[str]) -> None:
-        """Refuse rows of several sensors by turns, which hold the name or the number of theirs."""
+        """Refuse rows of several sensors by turns, which hold the name or number of theirs."""
         rows = [split_line(line, self.separator) for line in lines[self.start :] if line.strip()]
         headings = self.header[0] if self.header else [""] * len(self.kinds)
         for column, kind in enumerate(self.kinds):
             is_named = _SENSOR_NAME.fullmatch(headings[column]) is not None
-            may_number = column == 0 and not self.header
-            if kind is not Kind.text and not is_named and not may_number:
+            may_be_number = column == 0 and not self.header
+            if kind is not Kind.text and not is_named and not may_be_number:
                 continue
+
             tags = [row[column] for row in rows if column < len(row)]
-            turns = sum(tag != other for tag, other in pairwise(tags))
-            rare = 4 if column else 20
-            rare = 20 if is_named else 2 if may_number and kind is Kind.number else rare
-            are_tags = kind is not Kind.number or all(map(str.isdecimal, tags))
-            if (
-                are_tags
-                and 1 < len(set(tags)) <= 8
-                and turns >= max(3, len(set(tags)), len(tags) // rare)
-            ):
+            if kind is Kind.number and not all(map(str.isdecimal, tags)):
+                continue
+
+            sensors = sorted(set(tags))
+            changes = sum(tag != next_tag for tag, next_tag in pairwise(tags))
+            rows_per_change = _max_rows_per_change(column, kind, is_named, may_be_number)
+            min_changes = max(3, len(sensors), len(tags) // rows_per_change)
+            if 1 < len(sensors) <= _MAX_SENSORS and changes >= min_changes:
                 raise DataError(
-                    f"{path}: its rows are of {len(set(tags))} sensors by turns ({', '.join(sorted(set(tags)))}); save "
-                    "the rows of each in a file of its own."
+                    f"{path}: its rows are of {len(sensors)} sensors by turns "
+                    f"({', '.join(sensors)}); save the rows of each sensor in a separate file."
                 )
 
     def headings(self) -> tuple[tuple[str, ...], dict[str, str]]:
-        """Names of the columns, and the unit of each for which its heading, or the line below that,
-        states one.
-        """
-        header = self.header[0] if self.header else [""] * len(self.kinds)
-        below: list[str] = []
-        texts = [text for text in header if text.strip("-")] if len(self.header) > 1 else []
-        clear = [text[0] in "[(" or normalize_unit(text) in TRADE_UNITS for text in texts]
-        if any(clear) and all(
-            is_unit or recognize_unit(text) for text, is_unit in zip(texts, clear, strict=True)
-        ):
-            header, below = self.header[1], header  # a line of units below the names
+        """Return the names of the columns, and the units that headings or a line below state."""
+        headings = self.header[0] if self.header else [""] * len(self.kinds)
+        unit_line: list[str] = []
+        if len(self.header) > 1 and _is_unit_line(headings):
+            headings, unit_line = self.header[1], headings
+
         names: list[str] = []
         units: dict[str, str] = {}
-        for number, heading in enumerate(header):
+        for number, heading in enumerate(headings):
             name, unit = split_unit(heading)
-            if below and below[number].strip("[]() "):
-                unit = below[number].strip("[]() ") if below[number][0] in "[(" else below[number]
+            bare_unit = unit_line[number].strip("[]() ") if unit_line else ""
+            if bare_unit:
+                unit = bare_unit if unit_line[number][0] in "[(" else unit_line[number]
             if name[:2] in ("'=", "'+", "'-", "'@"):
-                name = name[
-                    1:
-                ]  # an apostrophe that keeps a spreadsheet from taking the name for a formula
-            name = f"{name}_{number}" if name in names else name or f"column_{number}"
+                name = name[1:]  # the apostrophe keeps a spreadsheet from running a formula
+            if name in names:
+                name = f"{name}_{number}"
+            name = name or f"column_{number}"
             names.append(name)
             if unit and (recognize_unit(unit) or normalize_unit(unit) in TRADE_UNITS):
                 units[name] = normalize_unit(unit)
         return tuple(names), units
 
 
-def dialect_of(path: Path, lines: Sequence[str], options: ReadOptions) -> Dialect:
-    """Dialect of the table that begins with these lines."""
+def _max_rows_per_change(column: int, kind: Kind, is_named: bool, may_be_number: bool) -> int:
+    """Return after how many rows at most a column of sensors' names changes.
+
+    The better the evidence that the column names sensors, the fewer changes suffice.
+    """
+    if is_named:
+        return 20
+    if may_be_number and kind is Kind.number:
+        return 2
+    return 4 if column else 20
+
+
+def _is_unit_line(fields: Sequence[str]) -> bool:
+    """Return whether a line below the headings holds units: all known, and one clearly a unit."""
+    texts = [text for text in fields if text.strip("-")]
+    is_clear = [text[0] in "[(" or normalize_unit(text) in TRADE_UNITS for text in texts]
+    return any(is_clear) and all(
+        clear or recognize_unit(text) for text, clear in zip(texts, is_clear, strict=True)
+    )
+
+
+def detect_dialect(path: Path, lines: Sequence[str], options: ReadOptions) -> Dialect:
+    """Return the dialect of the table that begins with these lines.
+
+    Raises
+    ------
+    DataError
+        The lines hold no table, or one that can be read in two ways.
+    """
     if lines and lines[0].startswith(("DIAEXTENDED", "DIADEM")):
         raise DataError(
-            f"{path} is the header of a DIAdem data set, whose samples are in another file; export it as text."
+            f"{path} is the header of a DIAdem data set, whose samples are in another file; "
+            "export it as text."
         )
-    separators = (options.separator,) if options.separator else _SEPARATORS
-    decimals = (options.decimal,) if options.decimal else (".", ",")
-    candidates = [
-        layout
-        for separator in separators
-        for decimal in decimals
-        if separator != decimal
-        and (layout := _layout(lines, separator, decimal, options.header_lines)) is not None
-    ]
+
+    candidates: list[Dialect] = []
+    for separator in (options.separator,) if options.separator else _SEPARATORS:
+        for decimal in (options.decimal,) if options.decimal else (".", ","):
+            if separator == decimal:
+                continue
+            dialect = _try_dialect(lines, separator, decimal, options.header_lines)
+            if dialect is not None:
+                candidates.append(dialect)
     if not candidates:
         raise DataError(
-            f"{path} holds no table of numbers that could be found; say how it is written, "
-            'for example separator = ";", decimal = ",", header_lines = 8.'
+            f"{path} holds no table of numbers that could be found.",
+            field="separator",
+            remedy="Specify how it is written, for example {separator=';'}, {decimal=','}, "
+            "{header_lines=8}.",
         )
-    best = max(candidates, key=Dialect.merit)
+
+    best = max(candidates, key=Dialect.rank)
     if options.decimal is None:
         best.refuse_thousands(path)
         if options.separator is None:
@@ -264,168 +310,221 @@ def dialect_of(path: Path, lines: Sequence[str], options: ReadOptions) -> Dialec
     return best
 
 
-def _uncommented(line: str) -> str:
-    """A line of a header without the marks of a comment; a lone ``#`` is the heading of a
-    counter.
+def _without_comment_mark(line: str) -> str:
+    """Return a line of a header without the marks of a comment.
+
+    A lone ``#`` is kept: it is the heading of a counter.
     """
     return line if re.match(r"#\s*[\t;,|]", line) else line.lstrip("%# ")
 
 
-def _layout(
+def _try_dialect(
     lines: Sequence[str], separator: str, decimal: str, header_lines: int | None
 ) -> Dialect | None:
-    """How the lines read with one separator and one decimal mark; None where they are no table."""
-    ends = [number for number, line in enumerate(lines, 1) if line.startswith(_LABVIEW)]
-    first = header_lines or max(
-        ends[:2], default=0
-    )  # LabVIEW writes a header of the file, and one of its samples
+    """Return the dialect with one separator and decimal mark; None if the lines are not a table."""
+    first_line = header_lines
+    if not first_line:
+        # LabVIEW writes a header of the file, and one of its samples.
+        header_ends = [
+            number for number, line in enumerate(lines, 1) if line.startswith(_LABVIEW_HEADER_END)
+        ]
+        first_line = max(header_ends[:2], default=0)
     fields = {
-        number: split_line(_uncommented(line), separator)
+        number: split_line(_without_comment_mark(line), separator)
         for number, line in enumerate(lines)
-        if number >= first and line.strip()
+        if number >= first_line and line.strip()
     }
-    tail = list(fields)[-_TAIL:]
-    tests = _tests(decimal).values()
-    wordy = [
+
+    rows = _typical_rows(fields, decimal)
+    if not rows:
+        return None
+    kinds = tuple(_kind([row[column] for row in rows], decimal) for column in range(len(rows[0])))
+    if Kind.number not in kinds:
+        return None
+    if Kind.text in kinds and not _is_plausible(rows, kinds, separator):
+        return None
+
+    start = first_line
+    if header_lines is None:
+        fitting_lines = [
+            number
+            for number in fields
+            if number < HEAD_LINES and _fits(fields[number], kinds, decimal)
+        ]
+        if not fitting_lines:
+            return None
+        # A preamble may hold one line that looks like a row, but not two in a row.
+        next_line = dict(pairwise(fields))
+        runs = (number for number in fitting_lines if next_line.get(number) in fitting_lines)
+        start = next(runs, fitting_lines[-1])
+
+    heading_line, header = _find_header(fields, start, kinds, decimal)
+    if header_lines is None:
+        if heading_line == start:
+            start = heading_line + 1
+        else:
+            start = _first_row(fields, heading_line, start, kinds, decimal)
+    return Dialect(separator, decimal, start, kinds, header, rows)
+
+
+def _typical_rows(fields: dict[int, list[str]], decimal: str) -> list[list[str]]:
+    """Return the last rows of the head that have the most frequent number of columns.
+
+    Rows begin below the last line without a number, time stamp or date.
+    """
+    tail = list(fields)[-_TAIL_LINES:]
+    lines_of_words = [
         number
         for number in tail
-        if not any(test(field) for field in fields[number] for test in tests)
+        if not any(_has_kind(field, kind, decimal) for field in fields[number] for kind in _TESTED)
     ]
-    voters = [number for number in tail if not wordy or number > wordy[-1]] or tail
-    if not voters:
-        return None
-    width = Counter(len(fields[number]) for number in reversed(voters)).most_common(1)[0][0]
-    rows = [fields[number] for number in voters if len(fields[number]) == width]
-    kinds = tuple(_kind([row[column] for row in rows], decimal) for column in range(width))
-    if Kind.number not in kinds or (
-        Kind.text in kinds and not _is_plausible(rows, kinds, separator)
-    ):
-        return None
-    start = first
-    if header_lines is None:
-        fitting = [
-            number for number in fields if number < HEAD and _fits(fields[number], kinds, decimal)
-        ]
-        if not fitting:
-            return None
-        follows = dict(
-            pairwise(fields)
-        )  # a preamble may hold one line that is like a row, and not two
-        start = next((number for number in fitting if follows.get(number) in fitting), fitting[-1])
-    header = _header(fields, start, kinds, decimal)
-    if header_lines is None:
-        start = (
-            header[0] + 1
-            if header[0] == start
-            else _first_row(fields, header[0], start, kinds, decimal)
-        )
-    return Dialect(separator, decimal, start, kinds, header[1], rows)
+    row_lines = tail
+    if lines_of_words:
+        row_lines = [number for number in tail if number > lines_of_words[-1]] or tail
+    if not row_lines:
+        return []
+
+    # Of two widths that are equally frequent, the last one counts.
+    widths = Counter(len(fields[number]) for number in reversed(row_lines))
+    width = widths.most_common(1)[0][0]
+    return [fields[number] for number in row_lines if len(fields[number]) == width]
 
 
-def _header(
+def _find_header(
     fields: dict[int, list[str]], start: int, kinds: Sequence[Kind], decimal: str
 ) -> tuple[int, tuple[list[str], ...]]:
-    """Line with the headings, -1 where there is none, and its fields with those of the line above
-    it.
+    """Return the line with the headings, -1 if there is none, and the fields of the header.
+
+    Those of the line above come second, if they can be headings.
     """
     width = len(kinds)
-    blank = next(
-        (number for number, kind in enumerate(reversed(kinds)) if kind is not Kind.blank), 0
-    )
     if width > 2 and _is_counted(fields.get(start, []), width):
         return start, (fields[start],)
+
+    blank_count = 0
+    while blank_count < width and kinds[width - 1 - blank_count] is Kind.blank:
+        blank_count += 1
+
     for number in sorted((number for number in fields if number < start), reverse=True):
-        if (texts := _headings(fields[number], width, decimal, blank=blank)) is not None:
-            above = _headings(fields.get(number - 1, []), width, decimal, blank=blank)
-            return number, (texts,) if above is None else (texts, above)
+        headings = _as_headings(fields[number], width, decimal, blank_count)
+        if headings is None:
+            continue
+        above = _as_headings(fields.get(number - 1, []), width, decimal, blank_count)
+        return number, (headings,) if above is None else (headings, above)
     return -1, ()
 
 
-def _headings(fields: list[str], width: int, decimal: str, *, blank: int = 0) -> list[str] | None:
-    """The fields where they can be headings of so many columns: words, or words before numbered
-    columns.
+def _as_headings(fields: list[str], width: int, decimal: str, blank_count: int) -> list[str] | None:
+    """Return the fields, filled to `width`, if they can be headings; else None.
 
-    The last columns that are `blank` need no heading.
+    Headings are words, or words before numbered columns.
+
+    Parameters
+    ----------
+    blank_count : last columns that hold nothing, and need no heading.
     """
-    fields = (
-        [*fields, *[""] * (width - len(fields))] if width - blank <= len(fields) < width else fields
-    )
-    fields = fields[:-1] if len(fields) == width + 1 and fields[-1] in _NEEDLESS else fields
+    if width - blank_count <= len(fields) < width:
+        fields = [*fields, *[""] * (width - len(fields))]
+    if len(fields) == width + 1 and fields[-1] in _OPTIONAL_HEADINGS:
+        fields = fields[:-1]
+    if len(fields) != width or fields[0].endswith(":"):
+        return None
+
+    has_letters = any(character.isalpha() for field in fields for character in field)
+    are_types = all(field.lower().removeprefix("dt_") in _TYPE_NAMES for field in fields if field)
     numbers = [field for field in fields if NUMBER[decimal].fullmatch(field)]
-    wordy = any(character.isalpha() for field in fields for character in field)
-    if (
-        len(fields) != width
-        or not wordy
-        or fields[0].endswith(":")
-        or all(field.lower().removeprefix("dt_") in _TYPES for field in fields if field)
-        or (numbers and not _is_counted(numbers, len(numbers)))
-    ):
+    if not has_letters or are_types or (numbers and not _is_counted(numbers, len(numbers))):
         return None
     return fields
 
 
 def _is_counted(fields: Sequence[str], count: int) -> bool:
-    """Whether the fields are 0, 1, 2, ... or 1, 2, 3, ...: numbered columns, not samples."""
-    return count > 1 and any(
-        list(fields) == [str(first + number) for number in range(count)] for first in (0, 1)
-    )
+    """Return whether the fields are 0, 1, 2, ... or 1, 2, 3, ...: numbered columns, not samples."""
+    if count < 2:
+        return False
+    return any(list(fields) == [str(first + number) for number in range(count)] for first in (0, 1))
 
 
 def _first_row(
-    fields: dict[int, list[str]], header: int, start: int, kinds: Sequence[Kind], decimal: str
+    fields: dict[int, list[str]],
+    heading_line: int,
+    start: int,
+    kinds: Sequence[Kind],
+    decimal: str,
 ) -> int:
-    """First line of numbers below the headings, damaged or not: none is skipped."""
-    numbers = [column for column, kind in enumerate(kinds) if kind is Kind.number]
-    for number, texts in fields.items():
-        is_fact = (
-            len(texts) != len(kinds)
-            and texts
-            and texts[0][:1].isalpha()
-            and kinds[0] is not Kind.text
-        )  # "Rate", "10000"
-        if header < number < start and not is_fact:
-            if header >= 0 and any(NUMBER[decimal].fullmatch(text) for text in texts):
-                return number
-            values = [
-                bool(NUMBER[decimal].fullmatch(texts[column]))
-                for column in numbers
-                if len(texts) == len(kinds)
-            ]
-            if header < 0 and sum(values) * 2 > len(numbers):
-                return number
+    """Return the first line of numbers below the headings.
+
+    A damaged row above `start` counts: it must be reported, not skipped.
+    """
+    number_columns = [column for column, kind in enumerate(kinds) if kind is Kind.number]
+    is_number = NUMBER[decimal].fullmatch
+    for line, texts in fields.items():
+        if not heading_line < line < start or _is_fact(texts, kinds):
+            continue
+        if heading_line >= 0:
+            if any(is_number(text) for text in texts):
+                return line
+        elif len(texts) == len(kinds):
+            count = sum(1 for column in number_columns if is_number(texts[column]))
+            if count * 2 > len(number_columns):
+                return line
     return start
 
 
-def _fits(fields: list[str], kinds: Sequence[Kind], decimal: str) -> bool:
-    """Whether the fields are a row of these kinds, with one number at least."""
-    if len(fields) != len(kinds):
-        return False
-    pairs = [(field, kind) for field, kind in zip(fields, kinds, strict=True) if field]
-    tests = _tests(decimal)
-    return any(kind is Kind.number for _, kind in pairs) and all(
-        kind not in tests or tests[kind](field) for field, kind in pairs
+def _is_fact(texts: list[str], kinds: Sequence[Kind]) -> bool:
+    """Return whether a line states a fact in words and a number, such as "Rate", "10000"."""
+    return (
+        len(texts) != len(kinds)
+        and bool(texts)
+        and texts[0][:1].isalpha()
+        and kinds[0] is not Kind.text
     )
 
 
-def _tests(decimal: str) -> dict[Kind, Callable[[str], bool]]:
-    return {
-        Kind.number: lambda field: NUMBER[decimal].fullmatch(field) is not None,
-        Kind.stamp: is_stamp,
-        Kind.date: is_date,
-    }
+def _fits(fields: list[str], kinds: Sequence[Kind], decimal: str) -> bool:
+    """Return whether the fields are a row of these kinds, with a number among them."""
+    if len(fields) != len(kinds):
+        return False
+
+    has_number = False
+    for field, kind in zip(fields, kinds, strict=True):
+        if not field:
+            continue
+        if kind in _TESTED and not _has_kind(field, kind, decimal):
+            return False
+        has_number = has_number or kind is Kind.number
+    return has_number
+
+
+_TESTED = (Kind.number, Kind.stamp, Kind.date)
+"""Kinds whose fields have a form of their own, in the order in which they are tried."""
+
+
+def _has_kind(field: str, kind: Kind, decimal: str) -> bool:
+    if kind is Kind.number:
+        return NUMBER[decimal].fullmatch(field) is not None
+    return is_stamp(field) if kind is Kind.stamp else is_date(field)
 
 
 def _kind(fields: Sequence[str], decimal: str) -> Kind:
+    """Return the kind of at least half of a column's fields."""
     texts = [field for field in fields if field]
-    likely = (
-        kind for kind, test in _tests(decimal).items() if 2 * sum(map(test, texts)) >= len(texts)
-    )
-    return next(likely, Kind.text) if texts else Kind.blank
+    if not texts:
+        return Kind.blank
+    for kind in _TESTED:
+        if 2 * sum(_has_kind(text, kind, decimal) for text in texts) >= len(texts):
+            return kind
+    return Kind.text
 
 
 def _is_plausible(rows: list[list[str]], kinds: Sequence[Kind], separator: str) -> bool:
-    better = _SEPARATORS[: _SEPARATORS.index(separator)] if separator in _SEPARATORS else ()
-    texts = [row[column] for row in rows for column, kind in enumerate(kinds) if kind is Kind.text]
-    return len(rows) >= _FEW_ROWS.get(separator, 2) and not any(
-        mark in text for text in texts for mark in better
-    )
+    """Return whether a table with words has enough rows, and no likelier separator in the words."""
+    if len(rows) < _MIN_ROWS.get(separator, 2):
+        return False
+
+    likelier: tuple[str, ...] = ()
+    if separator in _SEPARATORS:
+        likelier = _SEPARATORS[: _SEPARATORS.index(separator)]
+    text_columns = [column for column, kind in enumerate(kinds) if kind is Kind.text]
+    texts = [row[column] for row in rows for column in text_columns]
+    return not any(mark in text for text in texts for mark in likelier)

@@ -299,7 +299,7 @@ READ += [
     ("calendar times", npz(time=np.datetime64("2026-03-02", "ns") + np.arange(401) * 100_000, x=NOISE), {"unit": "g"},
      NOISE),
     ("fields", npz(record=RECORDS), {"unit": "g"}, NOISE),
-    ("samples count", of_samples, {}, "counts samples, not time; add sample_rate"),
+    ("samples count", of_samples, {}, "counts samples, not time. Add sample_rate"),
     ("samples count", of_samples, {"sample_rate": RATE}, NOISE),
     *((f"stated as {line}", text("a.csv", line, "Unit: g", "x", *rows(",", NOISE)), {}, NOISE) for line in (
         "Sample rate: 10 kS/s", "Samples per second: 10000", "ODR: 10000 Hz", '"Sampling Rate","10000","Hz"',

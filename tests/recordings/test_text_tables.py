@@ -248,7 +248,7 @@ def test_a_bomb_and_an_endless_line_are_refused(
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"x\n" + b"0\n" * (1 << 18)))
     with pytest.raises(DataError, match="unpacks to more than 300 times its size"):
         csv.read(tmp_path / "a.csv.gz", ReadOptions())
-    monkeypatch.setattr(csv, "_BYTES", 1 << 10)
+    monkeypatch.setattr(csv, "_MAX_HEAD_BYTES", 1 << 10)
     (tmp_path / "a.csv").write_text("1" * (1 << 13))
     with pytest.raises(DataError, match="has a line of more than"):
         csv.read(tmp_path / "a.csv", ReadOptions())

@@ -1,5 +1,6 @@
 """Measurement data format of ASAM, versions 3 and 4, as vehicles and test benches record it."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -14,91 +15,130 @@ from swashtwin.recordings.recording import Recording
 
 asammdf: Any = load_extra("asammdf", "mdf", "an MDF file")
 
-_COUNTED = {2: "angle", 3: "distance", 4: "samples"}
-"""What a master channel that is no time counts, by its kind of synchronization."""
+_MASTER_QUANTITIES = {2: "angle", 3: "distance", 4: "samples"}
+"""Quantity of a master channel that is not the time, by its kind of synchronization."""
 
 
 def read(path: Path, options: ReadOptions) -> RawFile:
-    """Channels of numbers of every group, whose master channel (the time) gives their rate.
+    """Return channels of numbers of every group, with the rate by the group's master channel.
 
-    A name that stands in several groups is called ``GROUP/NAME``, with the group's number from 0.
+    A name that occurs in several groups becomes ``GROUP/NAME``, with the group's number from 0.
     """
-    columns: dict[str, np.ndarray] = {}
-    units: dict[str, str] = {}
-    rates: dict[str, float] = {}
-    gaps: dict[str, str] = {}
-    starts: dict[str, str] = {}
+    content = _Content(path)
     with path.open("rb") as stream, asammdf.MDF(stream) as file:
-        names = [channel.name for group in file.groups for channel in group.channels]
-        for number, group in enumerate(file.groups):
-            master = file.masters_db.get(number)
-            is_timed = master is not None and _is_time(
-                path, number, group.channels[master], options
-            )
-            rate: float | None = None
-            for position, channel in enumerate(group.channels):
-                if position == master:
-                    continue
-                signal = file.get(group=number, index=position, ignore_invalidation_bits=True)
-                if (
-                    signal.samples.ndim != 1
-                    or signal.samples.dtype.kind not in "fiu"
-                    or len(signal.samples) < 2
-                ):
-                    continue
-                name = (
-                    channel.name if names.count(channel.name) == 1 else f"{number}/{channel.name}"
-                )
-                columns[name] = signal.samples.astype(np.float64)
-                if signal.invalidation_bits is not None:
-                    columns[name][np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
-                if unit := recognize_unit(signal.unit):
-                    units[name] = unit
-                if is_timed and rate is None:
-                    rate, gap = read_time_column(
-                        path, np.asarray(signal.timestamps, dtype=np.float64)
-                    )
-                    gaps |= {"time_gaps": gap} if gap else {}
-                    start = float(signal.timestamps[0])
-                if is_timed:
-                    rates |= {name: rate} if rate else {}
-                    near = (
-                        text
-                        for text in starts.values()
-                        if abs(float(text[:-2]) - start) < 1 / (rate or np.inf)
-                    )
-                    starts[name] = next(
-                        near, f"{start:.9g} s"
-                    )  # less than a sample apart is together
-        gaps["start_time"] = str(file.start_time)
-    return RawFile(columns, None, units, gaps, rates=rates, starts=starts)
+        channels = [channel for group in file.groups for channel in group.channels]
+        name_counts = Counter(channel.name for channel in channels)
+        for number in range(len(file.groups)):
+            content.add_group(file, number, name_counts, options)
+        start_time = str(file.start_time)
+
+    attributes = {**content.problems, "start_time": start_time}
+    return RawFile(
+        content.columns,
+        None,
+        content.units,
+        attributes,
+        rates=content.rates,
+        starts=content.starts,
+    )
+
+
+class _Content:
+    """Channels of the groups that were added."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.columns: dict[str, np.ndarray] = {}
+        self.units: dict[str, str] = {}
+        self.rates: dict[str, float] = {}
+        self.starts: dict[str, str] = {}
+        self.problems: dict[str, str] = {}
+
+    def add_group(
+        self, file: Any, number: int, name_counts: Counter[str], options: ReadOptions
+    ) -> None:
+        group = file.groups[number]
+        master = file.masters_db.get(number)
+        is_timed = master is not None and _is_time(
+            self._path, number, group.channels[master], options
+        )
+
+        rate: float | None = None
+        for index, channel in enumerate(group.channels):
+            if index == master:
+                continue
+            signal = file.get(group=number, index=index, ignore_invalidation_bits=True)
+            samples = signal.samples
+            if samples.ndim != 1 or samples.dtype.kind not in "fiu" or len(samples) < 2:
+                continue
+
+            is_unique = name_counts[channel.name] == 1
+            name = channel.name if is_unique else f"{number}/{channel.name}"
+            self.columns[name] = samples.astype(np.float64)
+            if signal.invalidation_bits is not None:
+                is_invalid = np.asarray(signal.invalidation_bits, dtype=bool)
+                self.columns[name][is_invalid] = np.nan
+            unit = recognize_unit(signal.unit)
+            if unit:
+                self.units[name] = unit
+
+            if not is_timed:
+                continue
+            if rate is None:  # the channels of a group share their time
+                times = np.asarray(signal.timestamps, dtype=np.float64)
+                rate, problem = read_time_column(self._path, times)
+                if problem:
+                    self.problems["time_gaps"] = problem
+            if rate:
+                self.rates[name] = rate
+            self.starts[name] = self._start(float(signal.timestamps[0]), rate)
+
+    def _start(self, start: float, rate: float | None) -> str:
+        """Return a start [s] as text; that of another channel if it is less than a sample away."""
+        for text in self.starts.values():
+            if abs(float(text.removesuffix(" s")) - start) < 1 / (rate or np.inf):
+                return text
+        return f"{start:.9g} s"
 
 
 def _is_time(path: Path, group: int, master: Any, options: ReadOptions) -> bool:
-    counted, unit = _COUNTED.get(getattr(master, "sync_type", 1)), recognize_unit(master.unit or "")
-    if counted is None and unit not in (None, *TIME_UNITS):
-        counted = unit
-    if counted is not None and (counted != "samples" or options.sample_rate is None):
-        advice = (
-            'add sample_rate = "25.6 kHz" (or whatever it was)'
-            if counted == "samples"
-            else "export the group with its time"
-        )
+    """Return whether a master channel is the time, or counts samples of a specified rate.
+
+    Raises
+    ------
+    DataError
+        It is another quantity.
+    """
+    quantity = _MASTER_QUANTITIES.get(getattr(master, "sync_type", 1))
+    unit = recognize_unit(master.unit or "")
+    if quantity is None and unit not in (None, *TIME_UNITS):
+        quantity = unit
+    if quantity is None:
+        return True
+    if quantity == "samples" and options.sample_rate is not None:
+        return False
+
+    message = f"{path}: the master {master.name!r} of group {group} counts {quantity}, not time."
+    if quantity == "samples":
         raise DataError(
-            f"{path}: the master {master.name!r} of group {group} counts {counted}, not time; {advice}."
+            message,
+            field="sample_rate",
+            remedy="Add {sample_rate='25.6 kHz'} (or whatever it was).",
         )
-    return counted is None
+    raise DataError(f"{message} Export the group with its time.")
 
 
 def write(recording: Recording, path: Path) -> None:
     """Write one group of doubles with its time, version 4.10."""
-    time = recording.time
+    signals = [
+        asammdf.Signal(
+            np.ascontiguousarray(samples),
+            timestamps=recording.time,
+            name=name,
+            unit=recording.unit,
+        )
+        for name, samples in zip(recording.channels, recording.signal, strict=True)
+    ]
     with asammdf.MDF(version="4.10") as file:
-        signals = [
-            asammdf.Signal(
-                np.ascontiguousarray(row), timestamps=time, name=name, unit=recording.unit
-            )
-            for name, row in zip(recording.channels, recording.signal, strict=True)
-        ]
         file.append(signals)
         file.save(path, overwrite=True)

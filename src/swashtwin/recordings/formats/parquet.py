@@ -17,46 +17,55 @@ polars: Any = load_extra("polars", "readers", "a Parquet table")
 
 
 def read(path: Path, options: ReadOptions) -> RawFile:
-    """Columns of numbers, a missing one as NaN; headings such as ``x [g]`` name the unit, and a
-    time column the rate.
+    """Return the columns of numbers; headings such as ``x [g]`` name the unit.
 
-    A column of time stamps counts as the time [s] since its first.
+    A missing number is NaN. A column of time stamps counts as the time [s] since its first.
     """
     table = polars.scan_parquet(path)
-    height = table.select(polars.len()).collect().item()
-    require_plausible_size(path, 8 * height * len(table.collect_schema()), f"{height} rows")
+    schema = table.collect_schema()
+    row_count = table.select(polars.len()).collect().item()
+    require_plausible_size(path, 8 * row_count * len(schema), f"{row_count} rows")
+
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
-    for heading, kind in table.collect_schema().items():
-        if not (kind.is_numeric() or kind in (polars.Boolean, polars.Datetime, polars.Duration)):
+    for heading, kind in schema.items():
+        is_time = kind in (polars.Datetime, polars.Duration)
+        if not (kind.is_numeric() or kind == polars.Boolean or is_time):
             continue
+
         name, unit = split_unit(heading)
-        name = name if name not in columns else heading
-        columns[name] = LazyColumn(
-            partial(_samples, table.select(heading)), height, np.dtype(np.float64)
-        )
-        if unit or kind.is_temporal():
-            units[name] = "s" if kind.is_temporal() else str(unit)
+        if name in columns:
+            name = heading
+        read_column = partial(_read_samples, table.select(heading))
+        columns[name] = LazyColumn(read_column, row_count, np.dtype(np.float64))
+        if is_time:
+            units[name] = "s"
+        elif unit:
+            units[name] = unit
     return extract_time(path, RawFile(columns, None, units), options)
 
 
 def write(recording: Recording, path: Path) -> None:
     """Write time and channels as columns of doubles, the unit in their headings."""
     table = {"time [s]": recording.time}
-    table |= {
-        f"{name} [{recording.unit}]": row
-        for name, row in zip(recording.channels, recording.signal, strict=True)
-    }
+    for name, samples in zip(recording.channels, recording.signal, strict=True):
+        table[f"{name} [{recording.unit}]"] = samples
     with path.open("wb") as file:
         polars.DataFrame(table).write_parquet(file)
 
 
-def _samples(table: Any, start: int, stop: int) -> np.ndarray:
+def _read_samples(table: Any, start: int, stop: int) -> np.ndarray:
+    """Return some rows of a table of one column as numbers, times in seconds since its first."""
     series = table.slice(start, stop - start).collect().to_series()
     if series.dtype.is_temporal():
-        nanoseconds = series.cast(type(series.dtype)("ns")).cast(polars.Int64)
-        origin = (
-            table.head(1).collect().to_series().cast(type(series.dtype)("ns")).cast(polars.Int64)[0]
-        )
-        series = (nanoseconds - origin).cast(polars.Float64) * 1e-9
-    return np.asarray(series.cast(polars.Float64).fill_null(np.nan).to_numpy(), dtype=np.float64)
+        first_time = _nanoseconds(table.head(1).collect().to_series())[0]
+        # Subtracted as integers: a double does not resolve nanoseconds since 1970.
+        series = (_nanoseconds(series) - first_time).cast(polars.Float64) * 1e-9
+
+    numbers = series.cast(polars.Float64).fill_null(np.nan)
+    return np.asarray(numbers.to_numpy(), dtype=np.float64)
+
+
+def _nanoseconds(series: Any) -> Any:
+    kind = type(series.dtype)
+    return series.cast(kind("ns")).cast(polars.Int64)

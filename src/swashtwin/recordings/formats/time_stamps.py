@@ -1,4 +1,4 @@
-"""Time stamps in text: ISO 8601, European and American dates, times of the day."""
+"""Time stamps in text: ISO 8601, European and American dates, times of day."""
 
 import re
 from contextlib import suppress
@@ -13,84 +13,108 @@ from swashtwin.foundation import DataError, load_extra
 
 polars: Any = load_extra("polars", "readers", "a time stamp")
 
-_DATE = r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d{2}))"
-_CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?(?:\s?[AaPp][Mm])?"
+_DATE_PATTERN = r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d{2}))"
+_CLOCK_PATTERN = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?(?:\s?[AaPp][Mm])?"
+_ZONE_PATTERN = r"(?:\s?(?:Z|UTC|GMT)|[+-]\d{2}(?::?\d{2})?)?"
 _STAMP = re.compile(
-    rf"(?:{_DATE}(?:\s+|[Tt]))?{_CLOCK}(?:\s+{_DATE})?(?:\s?(?:Z|UTC|GMT)|[+-]\d{{2}}(?::?\d{{2}})?)?"
+    rf"(?:{_DATE_PATTERN}(?:\s+|[Tt]))?{_CLOCK_PATTERN}(?:\s+{_DATE_PATTERN})?{_ZONE_PATTERN}"
 )
-_FIELDS = (
+_DATE = re.compile(_DATE_PATTERN)
+_CLOCK_FIELDS = (
     r"(?P<hour>\d+):(?P<minute>\d+)(?::(?P<second>\d+(?:[.,]\d+)?))?\s?(?:(?P<half>[AaPp])[Mm])?"
     r"(?:(?P<offset>[+-]\d{2})(?::?(?P<offset_minute>\d{2}))?$)?"
 )
-_DATE_ALONE = re.compile(_DATE)
-_ORDERS = ("%d-%m-%Y", "%m-%d-%Y", "%Y-%m-%d", "%d-%m-%y", "%m-%d-%y")
+_DATE_ORDERS = ("%d-%m-%Y", "%m-%d-%Y", "%Y-%m-%d", "%d-%m-%y", "%m-%d-%y")
 """Orders of day, month and year, the European one first."""
-_DAY = 86_400.0
+_DAY_S = 86_400.0
 
 
 def is_stamp(text: str) -> bool:
-    """Whether `text` is a time of the day, with or without a date."""
+    """Return whether `text` is a time of day, with or without a date."""
     return _STAMP.fullmatch(text.strip()) is not None
 
 
 def is_date(text: str) -> bool:
-    """Whether `text` is a date without a time of the day."""
-    return _DATE_ALONE.fullmatch(text.strip()) is not None
+    """Return whether `text` is a date without a time of day."""
+    return _DATE.fullmatch(text.strip()) is not None
 
 
 def stamp_seconds(path: Path, texts: Any) -> tuple[Float[np.ndarray, " time"], str | None]:
-    """Seconds since the first stamp of a polars series, NaN where a text is none, and the date and
-    time of the first.
+    """Return the seconds since the first time stamp, and that stamp in ISO 8601.
 
-    These are in ISO 8601, and None where the stamps have no date.
+    Parameters
+    ----------
+    texts : series of polars.
+
+    Returns
+    -------
+    Seconds, NaN for a text that is not a time stamp; and the first stamp, None without dates.
+
+    Raises
+    ------
+    DataError
+        The dates have no common order of day, month and year.
     """
-    parts = texts.str.extract_groups(_FIELDS).struct.unnest()
-    dates = texts.str.extract(f"({_DATE})").str.replace_all("[/.]", "-")
-    half = parts["half"].str.to_lowercase().to_numpy()
-    hour, minute, second, offset, offset_minute = (
-        parts[name].str.replace(",", ".").cast(polars.Float64).fill_null(least).to_numpy()
-        for name, least in (
-            ("hour", np.nan),
-            ("minute", 0),
-            ("second", 0),
-            ("offset", 0),
-            ("offset_minute", 0),
-        )
-    )
-    hour = np.where((half == "a") | (half == "p"), hour % 12 + 12.0 * (half == "p"), hour)
-    clock = 3600.0 * (hour - offset) + 60.0 * (minute - np.copysign(offset_minute, offset)) + second
-    start = None
+    time_of_day = _time_of_day(texts)
+    dates = texts.str.extract(f"({_DATE_PATTERN})").str.replace_all("[/.]", "-")
+
+    first_date = None
     if dates.null_count() == len(dates):
-        seconds = clock + _DAY * np.cumsum(
-            np.diff(clock, prepend=clock[:1]) < -_DAY / 2
-        )  # over midnight
+        # A clock that falls by half a day or more has passed midnight.
+        is_midnight = np.diff(time_of_day, prepend=time_of_day[:1]) < -_DAY_S / 2
+        seconds = time_of_day + _DAY_S * np.cumsum(is_midnight)
     else:
-        stated = dates.drop_nulls()
-        moments = _moments(path, stated.unique().to_list())
-        days = {date: float((moment - moments[stated[0]]).days) for date, moment in moments.items()}
-        seconds = (
-            dates.replace_strict(days, default=None, return_dtype=polars.Float64).to_numpy() * _DAY
-            + clock
-        )
-    finite = seconds[np.isfinite(seconds)]
-    first = float(finite[0]) if finite.size else 0.0
-    if finite.size and dates.null_count() < len(dates):
-        start = str(
-            np.datetime64(moments[stated[0]], "us") + np.timedelta64(round(first * 1e6), "us")
-        )
-    return np.round(seconds - first, 9), start
+        known_dates = dates.drop_nulls()
+        moments = _parse_dates(path, known_dates.unique().to_list())
+        first_date = moments[known_dates[0]]
+        days = {date: float((moment - first_date).days) for date, moment in moments.items()}
+        day_of_stamp = dates.replace_strict(days, default=None, return_dtype=polars.Float64)
+        seconds = day_of_stamp.to_numpy() * _DAY_S + time_of_day
+
+    finite_seconds = seconds[np.isfinite(seconds)]
+    first_second = float(finite_seconds[0]) if finite_seconds.size else 0.0
+    start = None
+    if finite_seconds.size and first_date is not None:
+        first_us = np.timedelta64(round(first_second * 1e6), "us")
+        start = str(np.datetime64(first_date, "us") + first_us)
+    return np.round(seconds - first_second, 9), start
 
 
-def _moments(path: Path, dates: list[str]) -> dict[str, datetime]:
-    """Each date as a moment: a wrong order of day and month spreads them over months, or is none of
-    theirs.
+def _time_of_day(texts: Any) -> Float[np.ndarray, " time"]:
+    """Return the seconds since midnight, in UTC if the stamps state their offset from it."""
+    fields = texts.str.extract_groups(_CLOCK_FIELDS).struct.unnest()
+
+    def number(name: str, default: float) -> np.ndarray:
+        column = fields[name].str.replace(",", ".").cast(polars.Float64)
+        values: np.ndarray = column.fill_null(default).to_numpy()
+        return values
+
+    hour = number("hour", np.nan)
+    minute = number("minute", 0)
+    second = number("second", 0)
+    offset_hour = number("offset", 0)
+    offset_minute = np.copysign(number("offset_minute", 0), offset_hour)
+
+    half = fields["half"].str.to_lowercase().to_numpy()
+    is_pm = half == "p"
+    hour = np.where((half == "a") | is_pm, hour % 12 + 12.0 * is_pm, hour)
+    return 3600.0 * (hour - offset_hour) + 60.0 * (minute - offset_minute) + second
+
+
+def _parse_dates(path: Path, dates: list[str]) -> dict[str, datetime]:
+    """Return each date as a moment, in the order of day and month that fits all.
+
+    Of several orders, the one with the shortest span holds: a wrong one spreads the days of a
+    measurement over months.
     """
-    found: list[dict[str, datetime]] = []
-    for order in _ORDERS:
+    fitting_orders: list[dict[str, datetime]] = []
+    for order in _DATE_ORDERS:
         with suppress(ValueError):
-            found.append({date: datetime.strptime(date, order) for date in dates})
-    if not found:
+            fitting_orders.append({date: datetime.strptime(date, order) for date in dates})
+
+    if not fitting_orders:
         raise DataError(
-            f"{path}: its dates have no one order of day, month and year, as {dates[0]} and {dates[-1]}."
+            f"{path}: its dates have no one order of day, month and year, "
+            f"as {dates[0]} and {dates[-1]}."
         )
-    return min(found, key=lambda moments: max(moments.values()) - min(moments.values()))
+    return min(fitting_orders, key=lambda moments: max(moments.values()) - min(moments.values()))

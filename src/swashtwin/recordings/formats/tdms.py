@@ -1,8 +1,7 @@
 """TDMS files of National Instruments."""
 
 import logging
-from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -21,39 +20,53 @@ nptdms: Any = load_extra("nptdms", "readers", "a TDMS file")
 
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _CLOCK_PROPERTIES = ("wf_start_time", "wf_start_offset", "wf_increment")
+_MAX_GAP_S = 1e-3
+"""Gap between two parts of a channel up to which the second continues the first."""
+
+History = list[tuple[int, dict[str, Any]]]
+"""Properties of a channel, each with the sample from which they hold."""
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One recording of a channel, of several that were appended to each other."""
+
+    start: int
+    stop: int
+    properties: dict[str, Any]
 
 
 def read(path: Path, options: ReadOptions) -> RawFile:
-    """Channels of a TDMS file, called ``group/channel`` where it has several groups.
+    """Return the channels of a TDMS file, as ``group/channel`` if it has several groups.
 
-    Scales are applied by npTDMS; one that it does not know is refused. Recordings that were
-    appended to one channel, with another start or rate, are columns of their own, called ``channel
-    [1]``, ``channel [2]``, ...
+    npTDMS applies scales; one that it does not know is refused. Recordings that were appended to
+    one channel, with another start or rate, are columns ``channel [1]``, ``channel [2]``, ...
     """
-    nptdms = _noting_nptdms()
+    nptdms = _patched_nptdms()
     _warnings.clear()
     file = nptdms.TdmsFile.open(path)
     if file.file_status.incomplete_final_segment:
         raise DataError(f"{path} is cut off: its last segment is incomplete.")
-    raw = extract_time(path, _columns(path, file, file._reader.history), options)
-    if unknown := [text for text in _warnings if "scal" in text.lower()]:
+
+    raw = extract_time(path, _read_channels(path, file), options)
+    scale_warnings = [text for text in _warnings if "scal" in text.lower()]
+    if scale_warnings:
         raise DataError(
-            f"{path}: {unknown[0]}; it cannot be applied, so export the scaled samples."
+            f"{path}: {scale_warnings[0]}; it cannot be applied, so export the scaled samples."
         )
     return raw
 
 
 _warnings: list[str] = []
-"""What npTDMS has warned of, such as that it leaves out a scale."""
+"""Warnings of npTDMS, such as that it ignores a scale."""
 
 
 @cache
-def _noting_nptdms() -> Any:
-    """npTDMS, whose warnings are noted, and for each channel its properties with the sample from
-    which they hold.
+def _patched_nptdms() -> Any:
+    """Return npTDMS with its warnings kept, and with the history of each channel's properties.
 
-    The library itself keeps the last properties only. Its module is changed for all that this
-    process reads, which is one file at a time.
+    The library keeps only the last properties. Its module is changed for all that this process
+    reads, which is one file at a time.
     """
     handler = logging.Handler(logging.WARNING)
     handler.emit = lambda record: _warnings.append(record.getMessage())  # type: ignore[method-assign]
@@ -63,147 +76,182 @@ def _noting_nptdms() -> Any:
 
     class Reader(base):
         def __init__(self, file: Any) -> None:
-            self.history: dict[str, list[tuple[int, dict[str, Any]]]] = {}
-            self._counts: dict[str, int] = {}
+            self.history: dict[str, History] = {}
+            self._sample_counts: dict[str, int] = {}
             super().__init__(file)
 
         def _update_object_metadata(self, segment: Any) -> None:
-            self._counts = {path: item.num_values for path, item in self.object_metadata.items()}
+            self._sample_counts = {
+                path: metadata.num_values for path, metadata in self.object_metadata.items()
+            }
             super()._update_object_metadata(segment)
 
         def _update_object_properties(self, values: Any) -> None:
             super()._update_object_properties(values)
-            for path, pairs in (values or {}).items():
-                known = self.history.setdefault(path, [])
-                known.append(
-                    (self._counts.get(path, 0), (known[-1][1] if known else {}) | dict(pairs))
-                )
+            for path, changes in (values or {}).items():
+                history = self.history.setdefault(path, [])
+                properties = history[-1][1] if history else {}
+                history.append((self._sample_counts.get(path, 0), properties | dict(changes)))
 
     nptdms.tdms.TdmsReader = Reader
     return nptdms
 
 
-def _columns(
-    path: Path, file: Any, history: dict[str, list[tuple[int, dict[str, Any]]]]
-) -> RawFile:
-    groups, size = file.groups(), 0
+def _read_channels(path: Path, file: Any) -> RawFile:
+    """Return the parts of all channels with the facts that their properties state."""
+    history = file._reader.history
+    groups = file.groups()
     columns: dict[str, Column] = {}
-    stated: dict[str, tuple[str, dict[str, Any], Any]] = {}
+    facts = _Facts(path, file)
+    stated_size = 0
     for group in groups:
         for channel in group.channels():
             kind = channel.dtype.kind
             if kind == "V":
                 raise DataError(
-                    f"{path}: {channel.name!r} holds raw data of DAQmx and no scale; export it scaled."
+                    f"{path}: {channel.name!r} holds raw data of DAQmx and no scale; "
+                    "export it scaled."
                 )
             if len(channel) < 2 or kind not in "fiuM":
                 continue
-            size += len(channel) * (getattr(channel.data_type, "size", None) or 1)
+
+            stated_size += len(channel) * (getattr(channel.data_type, "size", None) or 1)
             name = channel.name if len(groups) == 1 else f"{group.name}/{channel.name}"
-            parts = _parts(history.get(channel.path, []), channel)
-            for number, (start, stop, properties) in enumerate(parts, 1):
+            samples = LazyColumn(partial(_read_samples, channel), len(channel))
+            parts = _split_channel(history.get(channel.path, []), channel)
+            for number, part in enumerate(parts, 1):
                 key = name if len(parts) == 1 else f"{name} [{number}]"
-                columns[key] = slice_column(
-                    LazyColumn(partial(_samples, channel), len(channel)), start, stop
-                )
-                stated[key] = kind, properties, group
-    if size > path.stat().st_size:
+                columns[key] = slice_column(samples, part.start, part.stop)
+                facts.add(key, kind, part.properties, group)
+
+    size = path.stat().st_size
+    if stated_size > size:
         raise DataError(
-            f"{path} is damaged: its channels state {size} bytes, it has {path.stat().st_size}."
+            f"{path} is damaged: its channels state {stated_size} bytes, it has {size}."
         )
-    raw = RawFile(columns, attributes={name: str(value) for name, value in file.properties.items()})
-    return _with_facts(path, raw, stated, file)
-
-
-def _with_facts(
-    path: Path, raw: RawFile, stated: Mapping[str, tuple[str, dict[str, Any], Any]], file: Any
-) -> RawFile:
-    units, rates, starts, moments, sensitivities = {}, {}, {}, {}, {}  # type: ignore[var-annotated]
-    for key, (kind, properties, group) in stated.items():
-        pairs = [(name, str(value)) for name, value in properties.items()]
-        texts = [
-            text
-            for name, text in pairs
-            if name in _UNIT_PROPERTIES or name.lower() in ("unit", "units")
-        ]
-        if unit := "ns" if kind == "M" else next(filter(None, map(recognize_unit, texts)), None):
-            units[key] = unit
-        if (along := recognize_unit(properties.get("wf_xunit_string", ""))) not in (
-            None,
-            *TIME_UNITS,
-        ):
-            raise DataError(
-                f"{path}: {key!r} runs along {along}, not time; export it as it was recorded."
-            )
-        step = float(properties.get("wf_increment") or 0.0)
-        around = (
-            (name, str(value)) for of in (group, file) for name, value in of.properties.items()
-        )
-        if rate := snap_rate(step, 1e-9) if step > 0 else header_rate(pairs) or header_rate(around):
-            rates[key] = rate
-        if texts := read_sensitivities(pairs):
-            sensitivities[key] = texts[0]
-        if (moment := _moment(properties)) is not None:
-            near = np.timedelta64(round(1e6 * step), "us")  # less than a sample apart is together
-            same = next(
-                (starts[other] for other, known in moments.items() if abs(known - moment) < near),
-                None,
-            )
-            starts[key], moments[key] = same or str(moment).removeprefix("1970-01-01T"), moment
-    return replace(raw, units=units, rates=rates, starts=starts, sensitivities=sensitivities)
-
-
-def _moment(properties: dict[str, Any]) -> np.datetime64 | None:
-    """When the first sample was taken, after 1970 where only an offset is stated, or None."""
-    start = properties.get(
-        "wf_start_time", np.datetime64(0, "us") if "wf_start_offset" in properties else None
+    attributes = {name: str(value) for name, value in file.properties.items()}
+    return replace(
+        RawFile(columns, attributes=attributes),
+        units=facts.units,
+        rates=facts.rates,
+        starts=facts.starts,
+        sensitivities=facts.sensitivities,
     )
+
+
+class _Facts:
+    """Facts that the properties of channels, groups and the file state of the columns."""
+
+    def __init__(self, path: Path, file: Any) -> None:
+        self._path = path
+        self._file = file
+        self._start_times: dict[str, np.datetime64] = {}
+        self.units: dict[str, str] = {}
+        self.rates: dict[str, float] = {}
+        self.starts: dict[str, str] = {}
+        self.sensitivities: dict[str, str] = {}
+
+    def add(self, key: str, kind: str, properties: dict[str, Any], group: Any) -> None:
+        """Add the facts of one column of a number type."""
+        time_unit = recognize_unit(properties.get("wf_xunit_string", ""))
+        if time_unit not in (None, *TIME_UNITS):
+            raise DataError(
+                f"{self._path}: {key!r} runs along {time_unit}, not time; "
+                "export it as it was recorded."
+            )
+
+        unit = "ns" if kind == "M" else _unit_of(properties)
+        if unit:
+            self.units[key] = unit
+
+        pairs = [(name, str(value)) for name, value in properties.items()]
+        step = float(properties.get("wf_increment") or 0.0)
+        rate = snap_rate(step, 1e-9) if step > 0 else header_rate(pairs)
+        if not rate:
+            outer_pairs = [*group.properties.items(), *self._file.properties.items()]
+            rate = header_rate((name, str(value)) for name, value in outer_pairs)
+        if rate:
+            self.rates[key] = rate
+
+        sensitivities = read_sensitivities(pairs)
+        if sensitivities:
+            self.sensitivities[key] = sensitivities[0]
+
+        start_time = _start_time(properties)
+        if start_time is not None:
+            self.starts[key] = self._start(start_time, step)
+            self._start_times[key] = start_time
+
+    def _start(self, start_time: np.datetime64, step: float) -> str:
+        """Return a start as text; that of another column if it is less than a sample away."""
+        tolerance = np.timedelta64(round(1e6 * step), "us")
+        for key, other_time in self._start_times.items():
+            if abs(other_time - start_time) < tolerance:
+                return self.starts[key]
+        return str(start_time).removeprefix("1970-01-01T")
+
+
+def _unit_of(properties: dict[str, Any]) -> str | None:
+    for name, value in properties.items():
+        if name in _UNIT_PROPERTIES or name.lower() in ("unit", "units"):
+            unit = recognize_unit(str(value))
+            if unit:
+                return unit
+    return None
+
+
+def _start_time(properties: dict[str, Any]) -> np.datetime64 | None:
+    """Return the time of the first sample, since 1970 if only an offset is stated, or None."""
+    default = np.datetime64(0, "us") if "wf_start_offset" in properties else None
+    start: Any = properties.get("wf_start_time", default)
     if start is None:
         return None
-    start = start.as_datetime64() if hasattr(start, "as_datetime64") else start
-    return np.datetime64(start, "us") + np.timedelta64(
-        round(1e6 * float(properties.get("wf_start_offset", 0.0))), "us"
-    )
+    if hasattr(start, "as_datetime64"):
+        start = start.as_datetime64()
+    offset_s = float(properties.get("wf_start_offset", 0.0))
+    return np.datetime64(start, "us") + np.timedelta64(round(1e6 * offset_s), "us")
 
 
-def _parts(
-    history: list[tuple[int, dict[str, Any]]], channel: Any
-) -> list[tuple[int, int, dict[str, Any]]]:
-    """First sample, last sample and properties of each recording of a channel: a new one has
-    another clock.
-    """
-    parts: list[tuple[int, dict[str, Any]]] = []
-    for at, properties in history:
-        clock = {name: properties.get(name) for name in _CLOCK_PROPERTIES}
-        if not parts or at == parts[-1][0]:
-            parts = (
-                [(0 if not parts else at, properties)]
-                if len(parts) < 2
-                else [*parts[:-1], (at, properties)]
-            )
-            continue
-        first, last = parts[-1]
-        if clock == {name: last.get(name) for name in _CLOCK_PROPERTIES}:
-            continue
-        begun, now, step = (
-            _moment(last),
-            _moment(properties),
-            float(last.get("wf_increment") or 0.0),
-        )
-        same_rate = step == float(properties.get("wf_increment") or 0.0)
-        if same_rate and begun is not None and now is not None:
-            late = (now - begun) / np.timedelta64(1, "s") - (at - first) * step
-            if abs(late) <= max(step, 1e-3):
-                continue  # it goes on without a gap
-        parts.append((at, properties))
-    parts = [(at, properties) for at, properties in parts if at < len(channel)] or [
-        (0, dict(channel.properties))
+def _split_channel(history: History, channel: Any) -> list[_Part]:
+    """Return the recordings of a channel: a new one begins where its clock changes."""
+    starts: History = []
+    for sample, properties in history:
+        if not starts:
+            starts.append((0, properties))
+        elif sample == starts[-1][0]:
+            starts[-1] = (sample, properties)
+        elif not _continues(starts[-1], sample, properties):
+            starts.append((sample, properties))
+
+    starts = [(sample, properties) for sample, properties in starts if sample < len(channel)]
+    if not starts:
+        starts = [(0, dict(channel.properties))]
+    ends = [sample for sample, _ in starts[1:]] + [len(channel)]
+    return [
+        _Part(start, end, properties) for (start, properties), end in zip(starts, ends, strict=True)
     ]
-    ends = [at for at, _ in parts[1:]] + [len(channel)]
-    return [(at, end, properties) for (at, properties), end in zip(parts, ends, strict=True)]
 
 
-def _samples(channel: Any, start: int, stop: int) -> np.ndarray:
+def _continues(part: tuple[int, dict[str, Any]], sample: int, properties: dict[str, Any]) -> bool:
+    """Return whether new properties have the same clock, or continue it without a gap."""
+    first_sample, previous = part
+    if all(properties.get(name) == previous.get(name) for name in _CLOCK_PROPERTIES):
+        return True
+
+    step = float(previous.get("wf_increment") or 0.0)
+    if step != float(properties.get("wf_increment") or 0.0):
+        return False
+
+    previous_start = _start_time(previous)
+    start = _start_time(properties)
+    if previous_start is None or start is None:
+        return False
+    elapsed = (start - previous_start) / np.timedelta64(1, "s")
+    return bool(abs(elapsed - (sample - first_sample) * step) <= max(step, _MAX_GAP_S))
+
+
+def _read_samples(channel: Any, start: int, stop: int) -> np.ndarray:
+    """Return samples as doubles, and times as integers [ns]."""
     samples = np.asarray(channel[start:stop])
     if samples.dtype.kind == "M":
         return samples.astype("datetime64[ns]").astype(np.int64)
@@ -218,8 +266,10 @@ def write(recording: Recording, path: Path) -> None:
         "unit_string": recording.unit,
     }
     channels = [
-        nptdms.ChannelObject("recording", name, np.ascontiguousarray(row), properties=properties)
-        for name, row in zip(recording.channels, recording.signal, strict=True)
+        nptdms.ChannelObject(
+            "recording", name, np.ascontiguousarray(samples), properties=properties
+        )
+        for name, samples in zip(recording.channels, recording.signal, strict=True)
     ]
     with nptdms.TdmsWriter(str(path)) as writer:
         writer.write_segment(channels)

@@ -177,7 +177,7 @@ def test_recordings_of_another_state_are_too_many_to_leave_out_and_a_point_that_
         "p0 is left out: the recordings of its operating point are not alike" in detector.notes_[0]
     )
     assert (
-        "no healthy recording is at the pressure 15 MPa"
+        "No healthy recording is at the pressure 15 MPa"
         in detector.diagnose(recording("q", pressure=15.0)).sentence()
     )
 
@@ -228,10 +228,10 @@ def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(
     [
         (
             {"pressure": 7.0},
-            "no healthy recording is at the pressure 7 MPa (5 MPa, 10 MPa were recorded)",
+            "No healthy recording is at the pressure 7 MPa (recorded: 5 MPa, 10 MPa)",
         ),
-        ({"specimen": "B"}, "no healthy recording is of specimen B (A was recorded)"),
-        ({"condition": None}, "does not state its speed and pressure"),
+        ({"specimen": "B"}, "No healthy recording is of specimen B (recorded: A)"),
+        ({"condition": None}, "does not specify its speed and pressure"),
         ({"length": 900}, "lasts 0.45 s (900 samples); its band powers need 0.5 s"),
         ({"signal": 1e200}, "larger than a window can hold"),
     ],
@@ -259,7 +259,7 @@ def test_a_missing_pressure_is_assumed_where_only_one_was_recorded() -> None:
     )
     assert verdict.alarm is not None
     assert verdict.notes == (
-        "It does not state its specimen and pressure; A, 1200 rev/min, 10 MPa was assumed.",
+        "It does not specify its specimen and pressure; A, 1200 rev/min, 10 MPa was assumed.",
     )
 
 
@@ -284,7 +284,7 @@ def test_few_recordings_say_which_rate_they_allow_and_a_lower_one_is_refused(
         st.AnomalyDetector(error_rate=0.01).fit(healthy)
     with pytest.raises(InputError, match="needs 99"):
         detector.diagnose(healthy[0], error_rate=0.01)
-    with pytest.raises(DataError, match="5 are needed at least, and 20 for"):
+    with pytest.raises(DataError, match="5 are needed, and 20 for"):
         st.AnomalyDetector().fit(healthy[:4])
 
 
@@ -294,7 +294,7 @@ def test_a_fault_and_a_copy_among_the_healthy_recordings_are_noticed(
     with pytest.raises(DataError, match="'piston'"):
         st.AnomalyDetector().fit([*healthy, recording("p", label="piston")])
     detector = st.AnomalyDetector().fit([*healthy, healthy[0].replace(recording_id="z")])
-    assert detector.notes_ == ("z holds the same samples as h0 and is left out.",)
+    assert detector.notes_ == ("z holds the same samples as h0 and is excluded.",)
     assert "proves nothing" in detector.diagnose(healthy[0]).notes[0]
 
 

@@ -33,12 +33,12 @@ from .healthy.band_power_layout import BandPowerLayout as BandPowerLayout
 from .healthy.band_power_layout import Deviation as Deviation
 from .healthy.band_power_layout import band_power_layout as band_power_layout
 from .healthy.healthy_baseline import DEFAULT_ERROR_RATE as DEFAULT_ERROR_RATE
-from .healthy.healthy_baseline import MAX_OUTLIER_SHARE as MAX_OUTLIER_SHARE
 from .healthy.healthy_baseline import MIN_HEALTHY_RECORDINGS as MIN_HEALTHY_RECORDINGS
 from .healthy.healthy_baseline import HealthyBaseline as HealthyBaseline
-from .healthy.healthy_baseline import detectable_rise as detectable_rise
-from .healthy.healthy_baseline import find_inliers as find_inliers
 from .healthy.healthy_baseline import measure_baseline as measure_baseline
+from .healthy.nonconformity import detectable_rise as detectable_rise
+from .healthy.outliers import MAX_OUTLIER_SHARE as MAX_OUTLIER_SHARE
+from .healthy.outliers import find_inliers as find_inliers
 from .networks.band_power_network import BandPowerNetwork as BandPowerNetwork
 from .networks.bitcn import BiTCN as BiTCN
 from .networks.network import Network as Network

@@ -1,1 +1,1 @@
-"""Novelty detection: levels of healthy recordings, and how far a recording is from them."""
+"""Novelty detection: band powers of healthy recordings, and the distance of others from them."""

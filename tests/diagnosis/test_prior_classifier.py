@@ -196,7 +196,7 @@ def test_healthy_recordings_of_another_machine_teach_nothing() -> None:
 
 def test_an_evaluation_counts_alarms_and_names_by_class() -> None:
     sound, worn = adapted().evaluate([recording("normal", 8), recording("piston", 9)]).classes
-    assert (sound.label, sound.n_recordings, worn.n_alarms, worn.n_named, worn.auroc) == (
+    assert (sound.label, sound.n_recordings, worn.n_alarms, worn.n_correct, worn.auroc) == (
         "normal",
         1,
         1,

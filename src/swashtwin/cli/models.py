@@ -88,8 +88,8 @@ def evaluate(
 
 def _show_alarms(scores: "AlarmScores") -> None:
     rows = [
-        (format_label(item.label), item.n_recordings, item.n_no_verdict, item.n_alarms, item.share,
-         f"{item.interval[0]:.2f} to {item.interval[1]:.2f}", item.auroc, item.n_named)
+        (format_label(item.label), item.n_recordings, item.n_no_verdict, item.n_alarms, item.alarm_rate,
+         f"{item.interval[0]:.2f} to {item.interval[1]:.2f}", item.auroc, item.n_correct)
         for item in scores.classes
     ]  # fmt: skip
     header = (
@@ -97,10 +97,10 @@ def _show_alarms(scores: "AlarmScores") -> None:
         "recordings",
         "no verdict",
         "alarms",
-        "share",
+        "alarm rate",
         "95 % interval",
         "AUROC against healthy",
-        "named",
+        "correct",
     )
     rate = "" if scores.error_rate is None else f" at a false-alarm rate of {scores.error_rate:g}"
     columns = len(header) if scores.error_rate is None else len(header) - 1

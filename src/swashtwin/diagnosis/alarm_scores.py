@@ -1,8 +1,6 @@
-"""How well a detector or a pump prior does on recordings with labels: false alarms, and alarms for
-each fault.
-"""
+"""Scores of a detector or a pump prior on labeled recordings: alarm rates by class."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,19 +22,18 @@ class ClassAlarms:
     n_recordings: int
     """Recordings with a verdict."""
     n_no_verdict: int
-    """Recordings without one."""
+    """Recordings without a verdict."""
     n_alarms: int
     """Recordings with an alarm."""
-    n_named: int | None
-    """Recordings whose class was named; None of a detector, which names none."""
-    share: float | None
-    """Share of the recordings with an alarm; None where none has a verdict."""
+    n_correct: int | None
+    """Recordings whose class was recognized; None of a detector, which names no class."""
+    alarm_rate: float | None
+    """Share of the recordings with an alarm; None if none has a verdict."""
     interval: tuple[float, float]
-    """95 % interval of the share (Wilson 1927); 0 to 1 where none has a verdict."""
+    """95 % interval of the alarm rate (Wilson 1927); 0 to 1 if no recording has a verdict."""
     auroc: float | None
-    """Area under the curve of this class against the healthy ones, by `Diagnosis.score`; None for
-    these, and where one of both has no verdict.
-    """
+    """Area under the curve of this class against the healthy class, by `Diagnosis.score`; None for
+    the healthy class, and if no recording of one of both has a verdict."""
     no_verdict: str | None = None
     """Why the first recording without a verdict has none."""
 
@@ -46,12 +43,12 @@ class AlarmScores:
     """Scores of a model by class, the healthy class first."""
 
     error_rate: float | None
-    """False-alarm rate that a detector states; None of a prior."""
+    """Specified false-alarm rate of a detector; None of a prior."""
     classes: tuple[ClassAlarms, ...]
     """Alarms of each class."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers, words and lists that JSON can hold."""
+        """Return what JSON can hold."""
         table: dict[str, Any] = to_table(self)
         return table
 
@@ -63,20 +60,24 @@ def evaluate_alarms(
     y: Any,
     error_rate: float | None,
 ) -> AlarmScores:
-    """Alarms by class on measured recordings that had no part in a model, all healthy names as one
-    class.
+    """Return alarms by class on measured recordings that had no part in a model.
+
+    All healthy labels count as one class.
 
     Parameters
     ----------
-    diagnose, manifest, error_rate : the model's answer, the recordings in it, and the false-alarm
-    rate that it states.
-    X, y : recordings, and their classes; None for their own labels. A `LeakError` where one had a
-        part in the model, a `DataError` where none has a label.
+    diagnose : returns the model's answer.
+    manifest : recordings that had a part in the model.
+    X, y : recordings, and their classes; None for their own labels.
+    error_rate : specified false-alarm rate of the model.
+
+    Raises
+    ------
+    LeakError
+        A recording had a part in the model.
+    DataError
+        No recording has a label.
     """
-    from sklearn.metrics import roc_auc_score
-
-    from swashtwin.learning import wilson_interval
-
     recordings = relabel_recordings(require_recordings(X), y)
     labeled = [
         recording
@@ -84,48 +85,74 @@ def evaluate_alarms(
         if recording.label is not None and not recording.synthetic
     ]
     if not labeled:
-        raise DataError("no measured recording has a label; label them in the index.")
-    if seen := find_copies(manifest, build_manifest(labeled)):
+        raise DataError("No measured recording has a label; label them in the index.")
+    copies = find_copies(manifest, build_manifest(labeled))
+    if copies:
         raise LeakError(
-            f"{describe_copies(seen)} had a part in the model (its manifest); test on others."
+            f"{describe_copies(copies)} had a part in the model (its manifest); test on others."
         )
-    labels, answers = (
-        [str(recording.label) for recording in labeled],
-        [diagnose(item) for item in labeled],
-    )
-    healthy = next((label for label in labels if is_healthy(label)), "")
+
+    labels = [str(recording.label) for recording in labeled]
+    healthy_label = next((label for label in labels if is_healthy(label)), "")
     by_class: dict[str, list[Diagnosis]] = {}
-    for label, answer in zip(labels, answers, strict=True):
-        by_class.setdefault(healthy if is_healthy(label) else label, []).append(answer)
-    usual = [answer.score for answer in by_class.get(healthy, []) if answer.score is not None]
+    for recording, label in zip(labeled, labels, strict=True):
+        name = healthy_label if is_healthy(label) else label
+        by_class.setdefault(name, []).append(diagnose(recording))
+
+    healthy_scores = _scores(by_class.get(healthy_label, []))
+    names = sorted(by_class, key=lambda name: (name != healthy_label, name))
     classes = []
-    for label, members in sorted(by_class.items(), key=lambda item: (item[0] != healthy, item[0])):
-        judged = [answer for answer in members if answer.label is not None]
-        scores = [answer.score for answer in judged if answer.score is not None]
-        n_alarms = sum(bool(answer.alarm) for answer in judged)
-        share = n_alarms / len(judged) if judged else None
-        auroc = None
-        if label != healthy and usual and scores:
-            auroc = float(
-                roc_auc_score([False] * len(usual) + [True] * len(scores), usual + scores)
-            )
-        is_detector = any(answer.kind == "detector" for answer in members)
-        classes.append(
-            ClassAlarms(
-                label=label,
-                is_healthy=label == healthy,
-                n_recordings=len(judged),
-                n_no_verdict=len(members) - len(judged),
-                no_verdict=next(
-                    (answer.no_verdict for answer in members if answer.label is None), None
-                ),
-                n_alarms=n_alarms,
-                n_named=None
-                if is_detector
-                else sum(is_same_class(answer.verdict, label) for answer in judged),
-                share=share,
-                interval=(0.0, 1.0) if share is None else wilson_interval(share, len(judged)),
-                auroc=auroc,
-            )
-        )
+    for name in names:
+        is_healthy_class = name == healthy_label
+        baseline_scores = [] if is_healthy_class else healthy_scores
+        classes.append(_score_class(name, is_healthy_class, by_class[name], baseline_scores))
     return AlarmScores(error_rate, tuple(classes))
+
+
+def _score_class(
+    label: str,
+    is_healthy_class: bool,
+    diagnoses: Sequence[Diagnosis],
+    healthy_scores: list[float],
+) -> ClassAlarms:
+    """Return the alarms of one class; its AUROC only if there are `healthy_scores`."""
+    from sklearn.metrics import roc_auc_score
+
+    from swashtwin.learning import wilson_interval
+
+    judged = [diagnosis for diagnosis in diagnoses if diagnosis.label is not None]
+    reasons = [diagnosis.no_verdict for diagnosis in diagnoses if diagnosis.label is None]
+    n_alarms = sum(bool(diagnosis.alarm) for diagnosis in judged)
+
+    alarm_rate = None
+    interval = (0.0, 1.0)
+    if judged:
+        alarm_rate = n_alarms / len(judged)
+        interval = wilson_interval(alarm_rate, len(judged))
+
+    auroc = None
+    scores = _scores(judged)
+    if healthy_scores and scores:
+        is_faulty = [False] * len(healthy_scores) + [True] * len(scores)
+        auroc = float(roc_auc_score(is_faulty, healthy_scores + scores))
+
+    n_correct = None
+    if not any(diagnosis.kind == "detector" for diagnosis in diagnoses):
+        n_correct = sum(is_same_class(diagnosis.verdict, label) for diagnosis in judged)
+
+    return ClassAlarms(
+        label=label,
+        is_healthy=is_healthy_class,
+        n_recordings=len(judged),
+        n_no_verdict=len(reasons),
+        n_alarms=n_alarms,
+        n_correct=n_correct,
+        alarm_rate=alarm_rate,
+        interval=interval,
+        auroc=auroc,
+        no_verdict=reasons[0] if reasons else None,
+    )
+
+
+def _scores(diagnoses: Sequence[Diagnosis]) -> list[float]:
+    return [diagnosis.score for diagnosis in diagnoses if diagnosis.score is not None]

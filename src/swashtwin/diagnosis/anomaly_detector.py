@@ -1,4 +1,4 @@
-"""`AnomalyDetector`: alarms at a stated false-alarm rate, learned from healthy recordings alone."""
+"""`AnomalyDetector`: alarms at a specified false-alarm rate, from healthy recordings alone."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -38,6 +38,12 @@ from swashtwin.recordings import (
 
 _VERSION = 2
 _MAY_BE_NAN = ("healthy.speed", "healthy.pressure")
+_MAX_NAMED_OUTLIERS = 6
+_MAX_OUTLIER_CAUSES = 2
+_OTHER_POINT_RATIO = 4.0
+"""An outlier resembles another operating point if its score there is so many times lower."""
+_RATE_TOLERANCE = 1e-9
+"""Relative; keeps a p-value equal to the rate from being above it by rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,27 +55,27 @@ class _Card:
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        _require_allowed(self.healthy.n_recordings, self.error_rate)
+        _require_allowed_rate(self.healthy.n_recordings, self.error_rate)
 
 
 class AnomalyDetector(Estimator):
-    """Detector of deviations from healthy recordings, with a stated false-alarm rate.
+    """Detector of deviations from healthy recordings, at a specified false-alarm rate.
 
-    Levels in bands, at shaft orders, and of the envelope are compared with those of the same
-    machine at the same operating point; how much they scatter is learned from all points together
-    (docs/explanation/diagnosis.md). It takes recordings, no arrays, which do not state machine and
-    operating point.
+    Powers in bands, at shaft orders, and of the envelope are compared with those of the same
+    machine at the same operating point. Their scatter is estimated from all operating points
+    together (docs/explanation/diagnosis.md). It takes recordings, not arrays, which do not specify
+    machine and operating point.
 
     Parameters
     ----------
-    error_rate : false-alarm rate by recording; 0.05 by default, or the least that the recordings
-        allow: 20 allow a rate of 0.05, n of them 1 / (n + 1).
+    error_rate : false-alarm rate by recording; by default 0.05, or the lowest that the recordings
+        allow: n of them allow 1 / (n + 1), so 19 allow 0.05.
 
     Attributes
     ----------
-    fitted_ : `HealthyBaseline`, what a recording is compared with.
+    fitted_ : `HealthyBaseline` that recordings are compared with.
     error_rate_ : the false-alarm rate.
-    notes_ : what was left out, and what so many recordings cannot give.
+    notes_ : recordings that were left out, and limits of the number of recordings, as sentences.
     """
 
     KIND: ClassVar[str] = "anomaly detector"
@@ -89,59 +95,66 @@ class AnomalyDetector(Estimator):
         *,
         progress: Callable[[int, int], None] | None = None,
     ) -> "AnomalyDetector":
-        """The same detector, with the levels of healthy recordings.
+        """Measure healthy recordings and return the detector.
 
         Parameters
         ----------
-        X : healthy recordings, labeled so or not at all.
+        X : healthy recordings, labeled as healthy or not labeled.
         y : not used.
-        progress : called with the number of recordings that are done, and of all.
+        progress : called with the number of finished recordings, and of all.
 
         Raises
         ------
         DataError
-            A recording has a label that is not healthy, or they are unfit, do not fit together, or
-            are too few.
+            A recording has a label that is not healthy, or the recordings cannot be used, do not
+            fit together, or are too few.
         InputError
-            A false-alarm rate that the recordings are too few for, or no recordings.
+            There are no recordings, or too few for the false-alarm rate.
         """
         recordings = require_recordings(X)
         for recording in recordings:
             if recording.label is not None and not is_healthy(recording.label):
                 raise DataError(
-                    f"{recording.recording_id} is labeled {recording.label!r}; an anomaly detector learns from healthy "
-                    "recordings alone: leave the others out, or train a classifier on two classes or more."
+                    f"{recording.recording_id} is labeled {recording.label!r}; an anomaly detector "
+                    "learns from healthy recordings alone. Leave the others out, or train a "
+                    "classifier on two classes or more."
                 )
         if self.error_rate is not None:
-            _require_allowed(len(recordings), self.error_rate)
-        measured, notes = measure_baseline(recordings, progress=progress)
-        healthy, odd = leave_out_odd(measured, self.error_rate)
-        notes, rate = (*notes, *odd), self.error_rate
+            # Before the measurement, which takes long.
+            _require_allowed_rate(len(recordings), self.error_rate)
+
+        baseline, notes = measure_baseline(recordings, progress=progress)
+        healthy, outlier_notes = exclude_outliers(baseline, self.error_rate)
+        notes = (*notes, *outlier_notes)
+
+        rate = self.error_rate
         if rate is None:
             rate = allowed_error_rate(healthy.n_recordings, DEFAULT_ERROR_RATE)
             if rate > DEFAULT_ERROR_RATE:
-                few = (
-                    f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below {rate:g}; "
-                    f"{DEFAULT_ERROR_RATE:g} takes {min_validation_recordings(DEFAULT_ERROR_RATE)}."
+                note = (
+                    f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below "
+                    f"{rate:g}; {DEFAULT_ERROR_RATE:g} needs "
+                    f"{min_validation_recordings(DEFAULT_ERROR_RATE)}."
                 )
-                notes = (*notes, few)
-        left_out = [
-            name
-            for recording in recordings
-            if (name := recording.recording_id) not in healthy.manifest
-        ]
-        _require_allowed(healthy.n_recordings, rate, left_out)
-        return self._set(_Card(healthy, rate, notes))
+                notes = (*notes, note)
 
-    def _set(self, card: _Card) -> "AnomalyDetector":
-        self.fitted_, self.error_rate_, self.notes_ = card.healthy, card.error_rate, card.notes
+        excluded_ids = [
+            recording.recording_id
+            for recording in recordings
+            if recording.recording_id not in healthy.manifest
+        ]
+        _require_allowed_rate(healthy.n_recordings, rate, excluded_ids)
+        return self._set_fitted(_Card(healthy, rate, notes))
+
+    def _set_fitted(self, card: _Card) -> "AnomalyDetector":
+        self.fitted_ = card.healthy
+        self.error_rate_ = card.error_rate
+        self.notes_ = card.notes
         return self
 
     @property
     def layout(self) -> BandPowerLayout:
-        """What recordings must have in common with the healthy ones, and which levels are
-        compared.
-        """
+        """Layout that recordings must have, and the band powers that are compared."""
         self._require_fitted()
         return self.fitted_.layout
 
@@ -152,8 +165,7 @@ class AnomalyDetector(Estimator):
         return self.fitted_.manifest
 
     def diagnose(self, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
-        """Whether a recording deviates from the healthy ones of its machine at its operating point,
-        and in what.
+        """Return whether and where a recording deviates from the healthy ones of its machine.
 
         A recording that cannot be used, or of a machine or operating point without healthy
         recordings, has no verdict.
@@ -167,13 +179,15 @@ class AnomalyDetector(Estimator):
         DataError
             The recording has another sample rate, other channels or another unit.
         InputError
-            A false-alarm rate that the healthy recordings are too few for.
+            The healthy recordings are too few for the false-alarm rate.
         """
         self._require_fitted()
-        healthy, rate = self.fitted_, self.error_rate_ if error_rate is None else error_rate
-        _require_allowed(healthy.n_recordings, rate)
+        healthy = self.fitted_
+        rate = self.error_rate_ if error_rate is None else error_rate
+        _require_allowed_rate(healthy.n_recordings, rate)
         require_layout(self.layout, recording)
-        result = Diagnosis(
+
+        diagnosis = Diagnosis(
             recording.recording_id,
             "detector",
             error_rate=rate,
@@ -183,127 +197,162 @@ class AnomalyDetector(Estimator):
         )
         try:
             deviation = healthy.deviation(recording)
-            seen = find_exact_copies(
+            copies = find_exact_copies(
                 self.manifest, {recording.recording_id: recording.content_hashes()}
             )
         except DataError as cause:
-            return replace(result, no_verdict=str(cause))
+            return replace(diagnosis, no_verdict=str(cause))
         if not math.isfinite(deviation.score):
-            reason = "its levels are no finite numbers: a sample is far too large; cut it out or repair the file."
-            return replace(result, no_verdict=reason)
-        own = (
-            ("It is one of the healthy recordings that made the detector; this proves nothing.",)
-            if seen
-            else ()
-        )
+            reason = (
+                "its band powers are not finite numbers: a sample is far too large. Cut it out or "
+                "repair the file."
+            )
+            return replace(diagnosis, no_verdict=reason)
+
+        notes = deviation.notes
+        if copies:
+            note = "It is one of the detector's healthy recordings, so the answer proves nothing."
+            notes = (note, *notes)
+
         shifts, changes = band_power_changes(
             deviation, self.layout.band_powers, specified_shaft_frequency(recording)
         )
-        is_alarm = deviation.p_value <= rate * (1 + 1e-9)
+        is_alarm = deviation.p_value <= rate * (1 + _RATE_TOLERANCE)
         return replace(
-            result,
+            diagnosis,
             label="abnormal" if is_alarm else "normal",
             p_value=deviation.p_value,
             score=deviation.score,
             shifts=shifts,
             changes=changes,
-            notes=(*own, *deviation.notes),
+            notes=notes,
             deviation=deviation,
             band_powers=self.layout.band_powers,
             spectrum=detector_spectrum(self.layout, deviation, healthy.members(recording)),
         )
 
     def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
-        """False alarms, and alarms of each fault, on recordings that had no part in it
-        (`evaluate_alarms`).
+        """Return false alarms, and alarms of each fault, on recordings not used in training.
+
+        Parameters and errors: see `evaluate_alarms`.
         """
         self._require_fitted()
         return evaluate_alarms(self.diagnose, self.manifest, X, y, self.error_rate_)
 
     def save(self, path: Path | str) -> Path:
-        """`path`, after the detector was written to it whole."""
+        """Write the detector to `path` as a complete file and return the path."""
         self._require_fitted()
         card = _Card(self.fitted_, self.error_rate_, self.notes_)
         return save_artifact(path, self.KIND, _VERSION, card, may_be_nan=_MAY_BE_NAN)
 
     @classmethod
     def load(cls, path: Path | str) -> "AnomalyDetector":
-        """The detector that `save` wrote. Errors: `load_model`."""
+        """Return the detector that `save` wrote. Errors: see `load_model`."""
         advice = "swashtwin train, or its method save, writes a detector"
         card = load_artifact(path, _Card, cls.KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
-        return cls(error_rate=card.error_rate)._set(card)
+        return cls(error_rate=card.error_rate)._set_fitted(card)
 
 
-def _require_allowed(n_healthy: int, error_rate: float, left_out: Sequence[str] = ()) -> None:
-    """Refuse a false-alarm rate that so many healthy recordings cannot state, and name what was
-    `left_out`.
-    """
-    needed = min_validation_recordings(error_rate)
-    if n_healthy < needed:
-        without = f" without {', '.join(left_out)}" if left_out else ""
+def _require_allowed_rate(
+    n_healthy: int, error_rate: float, excluded_ids: Sequence[str] = ()
+) -> None:
+    """Raise an `InputError` if the healthy recordings are too few for a false-alarm rate."""
+    n_needed = min_validation_recordings(error_rate)
+    if n_healthy < n_needed:
+        without = f" without {', '.join(excluded_ids)}" if excluded_ids else ""
         raise InputError(
-            f"a false-alarm rate of {error_rate:g} needs {needed} healthy recordings at least, there are {n_healthy}"
-            f"{without}; record more, or allow {allowed_error_rate(n_healthy, error_rate):g}."
+            f"A false-alarm rate of {error_rate:g} needs at least {n_needed} healthy recordings; "
+            f"there are {n_healthy}{without}. Record more, or allow "
+            f"{allowed_error_rate(n_healthy, error_rate):g}."
         )
 
 
-_MOST_NAMED = 6
-_ALIKE = 4.0
-"""A recording is like those of another point where its score is so many times lower there."""
-
-
-def leave_out_odd(
-    healthy: HealthyBaseline, error_rate: float | None
+def exclude_outliers(
+    baseline: HealthyBaseline, error_rate: float | None
 ) -> tuple[HealthyBaseline, tuple[str, ...]]:
-    """(the usual recordings, notes on the odd ones: names, what moved, what they cost).
+    """Exclude healthy recordings that differ from the others.
 
-    All stay where more than `MAX_OUTLIER_SHARE` are odd, for then they are another state of the machine.
+    All stay if more than `MAX_OUTLIER_SHARE` differ, since these are then another state of the
+    machine.
+
+    Parameters
+    ----------
+    error_rate : false-alarm rate at which the cost of outliers is computed; None for the default.
+
+    Returns
+    -------
+    The baseline without outliers, and notes on them: names, what differs, and what they cost.
     """
-    is_usual = find_inliers(healthy.band_powers, healthy.point_index)
-    odd = np.flatnonzero(~is_usual).tolist()
-    if not odd:
-        return healthy, ()
-    usual, count = healthy.subset(is_usual), healthy.n_recordings
-    names = list(healthy.manifest)
-    named = ", ".join(names[row] for row in odd[:_MOST_NAMED])
-    named += f" and {len(odd) - _MOST_NAMED} more" if len(odd) > _MOST_NAMED else ""
-    with_them, without = (
-        detectable_rise(
-            part.band_powers,
-            part.point_index,
-            error_rate or allowed_error_rate(part.n_recordings, DEFAULT_ERROR_RATE),
+    is_inlier = find_inliers(baseline.band_powers, baseline.point_index)
+    outlier_rows = np.flatnonzero(~is_inlier).tolist()
+    if not outlier_rows:
+        return baseline, ()
+
+    inliers = baseline.subset(is_inlier)
+    ids = list(baseline.manifest)
+    n_outliers = len(outlier_rows)
+    n_recordings = baseline.n_recordings
+    names = ", ".join(ids[row] for row in outlier_rows[:_MAX_NAMED_OUTLIERS])
+    if n_outliers > _MAX_NAMED_OUTLIERS:
+        names += f" and {n_outliers - _MAX_NAMED_OUTLIERS} more"
+
+    rise_ratio = _detection_limit(baseline, error_rate) / _detection_limit(inliers, error_rate)
+    cost = f"a change must be {rise_ratio:.1f} times as large (in dB) to be detected"
+    if (
+        n_outliers > MAX_OUTLIER_SHARE * n_recordings
+        or inliers.n_recordings < MIN_HEALTHY_RECORDINGS
+    ):
+        note = (
+            f"{n_outliers} of {n_recordings} healthy recordings differ from the others ({names}), "
+            f"too many to leave out; with them {cost}. Specify the operating point of each, or "
+            "train on the recordings of one state of the machine."
         )
-        for part in (healthy, usual)
+        return baseline, (note,)
+
+    notes = [_describe_outlier(ids[row], baseline, row, inliers) for row in outlier_rows]
+    false_alarm_rate = (n_outliers + 1) / (n_recordings + 1)
+    notes.append(
+        f"With {names} {cost}. A healthy recording of that kind raises an alarm: if such recordings "
+        f"are as frequent in the future, the false-alarm rate is {false_alarm_rate:.2g}."
     )
-    cost = f"a change would have to be {with_them / without:.1f} times as large (in dB) to be heard"
-    if len(odd) > MAX_OUTLIER_SHARE * count or usual.n_recordings < MIN_HEALTHY_RECORDINGS:
-        return healthy, (
-            f"{len(odd)} of {count} healthy recordings are unlike the others ({named}), too many to leave out; with "
-            f"them {cost}. State the operating point of each, or train on the recordings of one state of the machine.",
-        )
-    return usual, (
-        *(_left_out(names[row], healthy, row, usual) for row in odd),
-        f"With {named} {cost}. A healthy recording of that kind is an alarm: where they come as often again, the "
-        f"false-alarm rate is {(len(odd) + 1) / (count + 1):.2g}.",
-    )
+    return inliers, tuple(notes)
 
 
-def _left_out(name: str, healthy: HealthyBaseline, row: int, usual: HealthyBaseline) -> str:
-    """That a recording is left out, and why."""
-    point = healthy.points[healthy.point_index[row]]
-    if point not in usual.points:
-        return f"{name} is left out: the recordings of its operating point are not alike, so none shows what is usual."
-    at_points = [
-        usual.deviation_of(healthy.band_powers[row], index) for index in range(len(usual.points))
+def _detection_limit(baseline: HealthyBaseline, error_rate: float | None) -> float:
+    """Return the median rise [dB] of a single band power that raises an alarm."""
+    rate = error_rate or allowed_error_rate(baseline.n_recordings, DEFAULT_ERROR_RATE)
+    return detectable_rise(baseline.band_powers, baseline.point_index, rate)
+
+
+def _describe_outlier(
+    name: str, baseline: HealthyBaseline, row: int, inliers: HealthyBaseline
+) -> str:
+    """Describe that a recording is left out, and why."""
+    point = baseline.points[baseline.point_index[row]]
+    if point not in inliers.points:
+        return (
+            f"{name} is left out: the recordings of its operating point differ from each other, so "
+            "none shows what is normal."
+        )
+
+    deviations = [
+        inliers.deviation_of(baseline.band_powers[row], index)
+        for index in range(len(inliers.points))
     ]
-    own, nearest = (
-        at_points[usual.points.index(point)],
-        min(at_points, key=lambda deviation: deviation.score),
-    )
-    speed = healthy.speed[row] / (2 * math.pi)
+    own_deviation = deviations[inliers.points.index(point)]
+    nearest = min(deviations, key=lambda deviation: deviation.score)
+
+    shaft_frequency = baseline.speed[row] / (2 * math.pi)
     shifts, changes = band_power_changes(
-        own, healthy.layout.band_powers, None if math.isnan(speed) else speed
+        own_deviation,
+        baseline.layout.band_powers,
+        None if math.isnan(shaft_frequency) else shaft_frequency,
     )
-    words = [f"it is like those at {nearest.point}"] if _ALIKE * nearest.score < own.score else []
-    words += [*shifts, *(change.sentence for change in changes)]
-    return f"{name} is left out, for it is unlike the other healthy recordings: {'; '.join(words[:2])}."
+    causes = []
+    if _OTHER_POINT_RATIO * nearest.score < own_deviation.score:
+        causes.append(f"it resembles those at {nearest.point}")
+    causes += [*shifts, *(change.sentence for change in changes)]
+    return (
+        f"{name} is left out, since it differs from the other healthy recordings: "
+        f"{'; '.join(causes[:_MAX_OUTLIER_CAUSES])}."
+    )

@@ -1,11 +1,9 @@
-"""How a recording differs from the healthy ones that a model holds: levels that moved, and its
-spectrum over theirs.
-"""
+"""The spectrum of a recording over those of the healthy recordings that a model holds."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float64
 
 from swashtwin.learning import (
     BandPowerLayout,
@@ -16,13 +14,14 @@ from swashtwin.learning import (
 )
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_healthy, values_match
 
-_LEAST = 5
-"""Healthy recordings that a range takes at least, where there are so many."""
+_MIN_RECORDINGS = 5
+"""Healthy recordings from which their range is meaningful; with fewer of the machine or operating
+point, others are taken too."""
 
 
 @dataclass(frozen=True, eq=False)
 class HealthySpectrum:
-    """Levels of a recording, band by band, and the range of those of healthy recordings."""
+    """Spectrum of a recording in bands, and the spectra of healthy recordings."""
 
     channels: tuple[str, ...]
     """Channels."""
@@ -37,29 +36,29 @@ class HealthySpectrum:
     healthy: Float64[np.ndarray, "recording channel band"]
     """The same of each healthy recording."""
     basis: str
-    """Which healthy recordings these are, in words."""
+    """Description of the healthy recordings."""
 
     @property
     def excess(self) -> Float64[np.ndarray, "channel band"]:
-        """How far the recording is above the greatest of the healthy ones, or below the least where
-        negative [dB].
-        """
-        above, below = self.level - self.healthy.max(axis=0), self.level - self.healthy.min(axis=0)
+        """Distance from the healthy range, positive above and negative below it [dB]."""
+        above = self.level - self.healthy.max(axis=0)
+        below = self.level - self.healthy.min(axis=0)
         return np.where(above > 0, above, np.minimum(below, 0.0))
 
     def sentence(self) -> str:
-        """How much of the spectrum lies outside the healthy range, and where it is furthest off."""
+        """Describe how many bands lie outside the healthy range, and the furthest one."""
         excess = self.excess
         share = 100 * float(np.mean(excess != 0))
         if share == 0:
             return f"Every band lies within the range of {self.basis}."
+
         channel, band = np.unravel_index(np.abs(excess).argmax(), excess.shape)
         value = float(excess[channel, band])
-        where = "above the greatest" if value > 0 else "below the least"
-        edges = f"{self.low[band]:.0f} to {self.high[band]:.0f} Hz"
+        side = "above" if value > 0 else "below"
         return (
-            f"{share:.0f} % of the bands lie outside the range of {self.basis}. Furthest off: {abs(value):.1f} dB "
-            f"{where} of them, {edges}, channel {self.channels[channel]}."
+            f"{share:.0f} % of the bands lie outside the range of {self.basis}. Furthest: "
+            f"{abs(value):.1f} dB {side} the range, {self.low[band]:.0f} to {self.high[band]:.0f} "
+            f"Hz, channel {self.channels[channel]}."
         )
 
 
@@ -70,56 +69,89 @@ def classifier_spectrum(
     specimen: str,
     condition: Float64[np.ndarray, " quantity"],
 ) -> HealthySpectrum | None:
-    """Levels of a recording over the healthy recordings of the training; None where there are none.
+    """Return a recording's spectrum over the healthy training recordings; None if there are none.
 
-    Those of the same machine and operating point are taken, or else of the same point, or else all.
+    Those of the same machine and operating point are taken, or else those of the same operating
+    point, or else all.
 
     Parameters
     ----------
     features : means over the windows of the recording (`FittedClassifier.answer`).
-    specimen : its machine; empty where not stated.
-    condition : its speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
+    specimen : its machine; empty if not specified.
+    condition : its speed [rad/s] and discharge pressure [Pa]; NaN if not specified.
     """
-    healthy = np.array(
-        [] if reference is None else [is_healthy(label) for label in reference.label], dtype=bool
-    )
-    if reference is None or not healthy.any():
+    if reference is None:
         return None
-    at_point = np.ones(len(healthy), dtype=bool)
+    healthy = np.array([is_healthy(label) for label in reference.label], dtype=bool)
+    if not healthy.any():
+        return None
+
+    selected, description = _similar_recordings(reference, healthy, specimen, condition)
+    rows = np.vstack([features, reference.features[selected].astype(np.float64)])
+    low, high, density = reference_spectrum(
+        rows, len(layout.channels), layout.length, layout.sample_rate
+    )
+    return HealthySpectrum(
+        channels=layout.channels,
+        unit=layout.unit,
+        low=low,
+        high=high,
+        level=density[0],
+        healthy=density[1:],
+        basis=f"the {selected.sum()} healthy training recordings {description}",
+    )
+
+
+def _similar_recordings(
+    reference: TrainingReference,
+    healthy: Bool[np.ndarray, " recording"],
+    specimen: str,
+    condition: Float64[np.ndarray, " quantity"],
+) -> tuple[Bool[np.ndarray, " recording"], str]:
+    """Return the most similar healthy recordings that are enough for a range."""
+    at_point = healthy.copy()
     for column, tolerance in enumerate((SPEED_TOLERANCE, PRESSURE_TOLERANCE)):
         if np.isfinite(condition[column]):
             at_point &= values_match(reference.condition[:, column], condition[column], tolerance)
     of_machine = np.array([bool(name) and name == specimen for name in reference.specimen])
-    choices = (
-        (healthy & at_point & of_machine, "of this machine at this operating point"),
-        (healthy & at_point, "at this operating point, of all machines"),
-        (healthy, "of all machines and operating points"),
+
+    candidates = (
+        (at_point & of_machine, "of this machine at this operating point"),
+        (at_point, "at this operating point, of all machines"),
     )
-    chosen, basis = next((choice for choice in choices if choice[0].sum() >= _LEAST), choices[-1])
-    rows = np.vstack([features, reference.features[chosen].astype(np.float64)])
-    low, high, density = reference_spectrum(
-        rows, len(layout.channels), layout.length, layout.sample_rate
-    )
-    basis = f"the {chosen.sum()} healthy training recordings {basis}"
-    return HealthySpectrum(layout.channels, layout.unit, low, high, density[0], density[1:], basis)
+    for selected, description in candidates:
+        if selected.sum() >= _MIN_RECORDINGS:
+            return selected, description
+    return healthy, "of all machines and operating points"
 
 
 def detector_spectrum(
     layout: BandPowerLayout, deviation: Deviation, healthy: Float[np.ndarray, "recording level"]
 ) -> HealthySpectrum:
-    """Levels of a recording in the detector's bands, over `healthy`, those of the recordings it was
-    compared with.
+    """Return a recording's spectrum in a detector's bands, over the healthy recordings.
+
+    Parameters
+    ----------
+    layout : of the detector.
+    deviation : of the recording.
+    healthy : band powers of the recordings that it was compared with [dB].
     """
-    bands = [index for index, level in enumerate(layout.band_powers) if level.is_band]
-    each = len(bands) // len(layout.channels)
-    edges = np.array(
-        [(layout.band_powers[index].low, layout.band_powers[index].high) for index in bands[:each]]
-    )
-    rows = np.vstack([healthy.mean(axis=0) + deviation.change, healthy])[:, bands]
-    density = rows.reshape(len(rows), len(layout.channels), each) - 10 * np.log10(
-        edges[:, 1] - edges[:, 0]
-    )
-    basis = f"the {len(healthy)} healthy recordings of its operating point"
+    n_channels = len(layout.channels)
+    columns = [index for index, power in enumerate(layout.band_powers) if power.is_band]
+    n_bands = len(columns) // n_channels
+    bands = [layout.band_powers[index] for index in columns[:n_bands]]
+    low = np.array([band.low for band in bands])
+    high = np.array([band.high for band in bands])
+
+    recording = healthy.mean(axis=0) + deviation.change
+    rows = np.vstack([recording, healthy])[:, columns]
+    density = rows.reshape(len(rows), n_channels, n_bands) - 10 * np.log10(high - low)
     return HealthySpectrum(
-        layout.channels, layout.unit, edges[:, 0], edges[:, 1], density[0], density[1:], basis
+        channels=layout.channels,
+        unit=layout.unit,
+        low=low,
+        high=high,
+        level=density[0],
+        healthy=density[1:],
+        basis=f"the {len(healthy)} healthy recordings of its operating point",
     )

@@ -347,13 +347,13 @@ def build_alarms_part(scores: AlarmScores) -> Part:
         (
             format_label(item.label),
             *(item.n_recordings, item.n_no_verdict, item.n_alarms),
-            "–" if item.share is None else format_percent(item.share),
+            "–" if item.alarm_rate is None else format_percent(item.alarm_rate),
             f"{format_percent(item.interval[0])} to {format_percent(item.interval[1])}",
             "–" if item.auroc is None else format_number(item.auroc),
         )
         for item in scores.classes
     )
-    header = ("class", "recordings", "no verdict", "alarms", "share", "95 % interval", "AUROC")
+    header = ("class", "recordings", "no verdict", "alarms", "alarm rate", "95 % interval", "AUROC")
     table = Table(
         "Alarms by class. AUROC is of the class against the healthy recordings.", header, rows
     )

@@ -55,7 +55,7 @@ def evidence() -> Evidence:
 )
 def test_contributions_of_each_head_add_up(axis: str, shape: bool, heads: tuple[str, ...]) -> None:
     result = evidence_of(axis, shape, heads)
-    assert result.gap < (1e-4 if heads == ("discriminant",) else 0.1)
+    assert result.completeness_error < (1e-4 if heads == ("discriminant",) else 0.1)
     assert result.strongest()[0][:2] == (
         "cover_z",
         next(band for band in result.bands if band.name == "order 9"),
@@ -65,8 +65,8 @@ def test_contributions_of_each_head_add_up(axis: str, shape: bool, heads: tuple[
 def test_contributions_of_an_average_add_up_to_its_margin_and_name_the_line(
     evidence: Evidence,
 ) -> None:
-    assert evidence.gap < 0.01
-    assert evidence.lines.sum() == pytest.approx(evidence.margin, rel=0.01)
+    assert evidence.completeness_error < 0.01
+    assert evidence.contributions.sum() == pytest.approx(evidence.margin, rel=0.01)
     assert "order 9 (72 Hz, piston-pass line) on cover_z" in evidence.sentences()[0]
 
 

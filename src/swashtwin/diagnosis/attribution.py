@@ -1,10 +1,10 @@
-"""What each band adds to a network's answer: integrated gradients over samples or over levels.
+"""Contribution of each band to a network's answer, by integrated gradients.
 
 Sundararajan, Taly and Yan 2017, arXiv:1703.01365. From silence (0 after the scaling) to the window
-x along a straight line, the answer f changes by f(x) - f(0) = Σ_t x_t g_t with g the mean gradient
-of f on the way (completeness). The same sum over frequencies, Σ_k (w_k / N) Re(X_k conj(G_k)), is
-the same integral in the basis of sines (Parseval), since the way is the same. Lines are summed in
-orders of the shaft and third octaves, of the signal and of its envelope.
+x along a straight line, the answer f changes by f(x) - f(0) = Σ_t x_t g_t, where g is the mean
+gradient of f on the path (completeness). The same sum over frequencies, Σ_k (w_k / N) Re(X_k
+conj(G_k)), is the same integral in the basis of sines (Parseval), since the path is the same. Lines
+are summed in orders of the shaft and third octaves, of the signal and of its envelope.
 """
 
 from dataclasses import dataclass, replace
@@ -28,10 +28,20 @@ if TYPE_CHECKING:
     from swashtwin.learning import Network
 
 
-ORDERS = 40
-"""Orders of the shaft that stand one by one; higher ones, which a wandering speed smears, in third
-octaves.
-"""
+MAX_ORDER = 40
+"""Highest order of the shaft with its own band. A varying speed smears higher ones, which are
+summed in third octaves."""
+STEPS = 32
+"""Points of the midpoint rule on the path of samples."""
+_BAND_POWER_STEPS = 512
+"""Points on the path of band powers: an average of heads turns within a hundredth of it."""
+_THIRD_OCTAVE = 2 ** (1 / 3)
+_WHOLE_CHANNEL_NAMES = {
+    ("deviation", False): "overall level",
+    ("deviation", True): "envelope level",
+    ("shape", None): "waveform shape",
+}
+"""Name of each feature that belongs to no band, by its quantity and whether it is an envelope's."""
 
 
 @dataclass(frozen=True)
@@ -47,80 +57,94 @@ class Band:
     order: int | None = None
     """Order of the shaft in its middle, or None for a third octave."""
     part: str = "signal"
-    """What it is a band of: ``"signal"``, ``"envelope"``, or ``"whole"`` for what belongs to no
-    band.
-    """
+    """Of what it is a band: ``"signal"``, ``"envelope"``, or ``"whole"`` for a feature that belongs
+    to no band."""
 
 
 def signal_bands(sample_rate: float, shaft: float | None, n_samples: int) -> tuple[Band, ...]:
-    """Orders as far as the samples resolve them, and third octaves above; they cover all
-    frequencies, without gap.
+    """Return orders of the shaft, if the samples resolve them, and third octaves above.
+
+    They cover all frequencies without a gap.
+
+    Parameters
+    ----------
+    shaft : shaft frequency [Hz]; None for third octaves only.
     """
-    nyquist, bands = sample_rate / 2, list[Band]()
-    edge, resolution = max(sample_rate / n_samples, 1.0), sample_rate / n_samples
+    nyquist = sample_rate / 2
+    resolution = sample_rate / n_samples
+    bands: list[Band] = []
+
     if shaft is not None and resolution < shaft / 4 and 1.5 * shaft < nyquist:
         edge = 0.5 * shaft
         bands.append(Band("below order 0.5", 0.0, edge))
-        for order in range(1, ORDERS + 1):
+        for order in range(1, MAX_ORDER + 1):
             if (order + 0.5) * shaft > nyquist:
                 break
             edge = (order + 0.5) * shaft
             bands.append(Band(f"order {order}", (order - 0.5) * shaft, edge, order))
     else:
+        edge = max(resolution, 1.0)
         bands.append(Band(f"below {format_frequency(edge)}", 0.0, edge))
+
     while edge < nyquist:
-        above = min(edge * 2 ** (1 / 3), nyquist)
-        if above * 2 ** (1 / 6) > nyquist:
-            above = nyquist
-        bands.append(Band(f"{format_frequency(edge)} to {format_frequency(above)}", edge, above))
-        edge = above
+        upper_edge = min(edge * _THIRD_OCTAVE, nyquist)
+        # A remainder below a sixth octave joins the last band.
+        if upper_edge * 2 ** (1 / 6) > nyquist:
+            upper_edge = nyquist
+        name = f"{format_frequency(edge)} to {format_frequency(upper_edge)}"
+        bands.append(Band(name, edge, upper_edge))
+        edge = upper_edge
     return tuple(bands)
 
 
 def evidence_bands(sample_rate: float, shaft: float | None, n_samples: int) -> tuple[Band, ...]:
-    """`signal_bands`, the same of the envelopes, and what belongs to no band."""
+    """Return `signal_bands`, the same of the envelopes, and what belongs to no band."""
     signal = signal_bands(sample_rate, shaft, n_samples)
     envelope = [replace(band, name=f"envelope {band.name}", part="envelope") for band in signal]
-    whole = [Band(name, 0.0, sample_rate / 2, part="whole") for name in _WHOLE.values()]
+    nyquist = sample_rate / 2
+    whole = [Band(name, 0.0, nyquist, part="whole") for name in _WHOLE_CHANNEL_NAMES.values()]
     return (*signal, *envelope, *whole)
 
 
-_WHOLE = {
-    ("deviation", False): "overall level",
-    ("deviation", True): "envelope level",
-    ("shape", None): "waveform shape",
-}
-
-
 def format_frequency(frequency: float) -> str:
-    """Frequency in words, with two digits of kHz or three of Hz."""
-    return f"{frequency / 1000:.2g} kHz" if frequency >= 1000 else f"{frequency:.3g} Hz"
+    """Return a frequency as text, with two digits of kHz or three of Hz."""
+    if frequency >= 1000:
+        return f"{frequency / 1000:.2g} kHz"
+    return f"{frequency:.3g} Hz"
 
 
 def feature_shares(
     band_powers: tuple[BandPower, ...], bands: tuple[Band, ...], sample_rate: float, turns: float
-) -> Float64[np.ndarray, "level band"]:
-    """Share of each level in each of `evidence_bands`, by overlap in frequency; those of a level sum
-    to 1.
+) -> Float64[np.ndarray, "feature band"]:
+    """Return the share of each feature in each of `evidence_bands`, by overlap in frequency.
 
-    `turns` are turns of the shaft per sample.
+    The shares of a feature sum to 1.
+
+    Parameters
+    ----------
+    turns : turns of the shaft per sample.
     """
     shares = np.zeros((len(band_powers), len(bands)))
     names = [band.name for band in bands]
-    for row, level in zip(shares, band_powers, strict=True):
-        if level.quantity != "power":
-            key = (level.quantity, None if level.quantity == "shape" else level.is_envelope)
-            row[names.index(_WHOLE[key])] = 1.0
+
+    for row, band_power in zip(shares, band_powers, strict=True):
+        if band_power.quantity != "power":
+            is_shape = band_power.quantity == "shape"
+            key = (band_power.quantity, None if is_shape else band_power.is_envelope)
+            row[names.index(_WHOLE_CHANNEL_NAMES[key])] = 1.0
             continue
-        part = "envelope" if level.is_envelope else "signal"
-        low, high = (edge * sample_rate for edge in level.edges(turns))
-        for index, band in enumerate(bands):
-            if band.part == part:
-                row[index] = max(0.0, min(high, band.high) - max(low, band.low))
+
+        part = "envelope" if band_power.is_envelope else "signal"
+        columns = [index for index, band in enumerate(bands) if band.part == part]
+        low, high = (edge * sample_rate for edge in band_power.edges(turns))
+        for index in columns:
+            band = bands[index]
+            row[index] = max(0.0, min(high, band.high) - max(low, band.low))
         if row.any():
             row /= row.sum()
-        else:  # beyond the spectrum
-            row[max(index for index, band in enumerate(bands) if band.part == part)] = 1.0
+        else:
+            # At this speed its frequencies lie beyond the spectrum.
+            row[columns[-1]] = 1.0
     return shares
 
 
@@ -130,61 +154,64 @@ def band_sums(
     sample_rate: float,
     n_samples: int,
 ) -> Float64[np.ndarray, "channel band"]:
-    """Sum of the lines in each band; the last holds the last line too."""
+    """Return the sum of the spectral lines in each band; the last band includes the last line."""
+    upper_edges = [band.high for band in bands]
     frequency = line_frequencies(n_samples, sample_rate)
-    band = np.clip(
-        np.searchsorted([band.high for band in bands], frequency, side="right"), 0, len(bands) - 1
-    )
-    return np.stack([np.bincount(band, weights=row, minlength=len(bands)) for row in lines])
+    band_index = np.searchsorted(upper_edges, frequency, side="right")
+    band_index = np.clip(band_index, 0, len(bands) - 1)
+    return np.stack([np.bincount(band_index, weights=row, minlength=len(bands)) for row in lines])
 
 
 def line_shares(
     signal: Float[np.ndarray, "channel time"], gradient: Float[np.ndarray, "channel time"]
 ) -> Float64[np.ndarray, "channel line"]:
-    """What each line of the spectrum (`signals.transform`) adds to the answer; their sum is Σ
-    signal · gradient.
+    """Return what each spectral line (`signals.transform`) adds to the answer.
+
+    The sum over the lines is Σ signal · gradient.
     """
     n = signal.shape[-1]
-    both = transform(signal) * np.conj(transform(gradient))
-    weight = np.full(both.shape[-1], 2.0)
+    product = transform(signal) * np.conj(transform(gradient))
+
+    # All lines but the first and, of an even length, the last stand for two frequencies.
+    weight = np.full(product.shape[-1], 2.0)
     weight[0] = 1.0
     if n % 2 == 0:
         weight[-1] = 1.0
-    return np.asarray(weight / n * both.real, dtype=np.float64)
+    return np.asarray(weight / n * product.real, dtype=np.float64)
 
 
-STEPS = 32
-"""Points of the midpoint rule along the way."""
-_LEVEL_STEPS = (
-    512  # points on the way of levels: an average of heads turns within a hundredth of it
-)
-
-
-def contributions(
+def attribute_answer(
     classifier: FittedClassifier, windows: WindowSet, label: int, rival: int, shaft: float | None
 ) -> dict[str, Any]:
-    """Fields of an `Evidence` from consecutive windows of one recording: ``baseline``, ``margin``,
-    ``gap``, ``bands`` and ``lines``; means over the windows.
+    """Return what each band adds to the score of `label` less that of `rival`.
 
-    From silence over the samples; for a `BandPowerNetwork` from the training's mean over its levels,
-    since logarithms of samples have no gradient at silence that says anything.
+    The path starts at silence in the space of samples; of a `BandPowerNetwork` at the training's
+    mean in the space of its features, since the logarithm of samples has no useful gradient at
+    silence.
 
     Parameters
     ----------
+    windows : consecutive windows of one recording.
     label, rival : indices of the two classes.
-    shaft : speed of the shaft [Hz], or None where it is not stated.
+    shaft : speed of the shaft [Hz]; None if not specified.
+
+    Returns
+    -------
+    The fields ``baseline``, ``margin``, ``completeness_error``, ``bands`` and ``contributions`` of
+    an `Evidence`, means over the windows.
     """
     network = classifier.network
     if isinstance(network, BandPowerNetwork):
-        return _of_levels(classifier, network, windows, label, rival, shaft)
+        return _attribute_to_features(classifier, network, windows, label, rival, shaft)
     if isinstance(network, SolvedNetwork):
         raise DataError(
-            f"the network {network.name} has no gradients, so no line can be named that speaks for a class."
+            f"The network {network.name} has no gradients, so the lines that speak for a class "
+            "cannot be computed."
         )
-    return _of_samples(classifier, network, windows, label, rival, shaft)
+    return _attribute_to_samples(classifier, network, windows, label, rival, shaft)
 
 
-def _of_samples(
+def _attribute_to_samples(
     classifier: FittedClassifier,
     network: "Network",
     windows: WindowSet,
@@ -195,22 +222,35 @@ def _of_samples(
     scaled = classifier.normalization.apply(windows)
     gradient, change = mean_gradients(network, scaled, label, rival)
     _require_finite(gradient, windows)
-    x, g = (
-        part.transpose(1, 0, 2).reshape(part.shape[1], -1).astype(np.float64)
-        for part in (scaled, gradient)
-    )
-    count, n_samples = len(windows), x.shape[1]
+
+    # Consecutive windows form one signal, whose spectrum has finer lines.
+    signal = _join_windows(scaled)
+    slope = _join_windows(gradient)
+    n_windows = len(windows)
+    n_samples = signal.shape[1]
+    margin = float(change.mean())
+
     bands = signal_bands(classifier.sample_rate, shaft, n_samples)
+    sums = band_sums(line_shares(signal, slope), bands, classifier.sample_rate, n_samples)
     return {
         "baseline": "silence",
-        "margin": float(change.mean()),
-        "gap": _gap(float((x * g).sum()) / count, float(change.mean())),
+        "margin": margin,
+        "completeness_error": _completeness_error(
+            float((signal * slope).sum()) / n_windows, margin
+        ),
         "bands": bands,
-        "lines": band_sums(line_shares(x, g), bands, classifier.sample_rate, n_samples) / count,
+        "contributions": sums / n_windows,
     }
 
 
-def _of_levels(
+def _join_windows(
+    windows: Float[np.ndarray, "window channel time"],
+) -> Float64[np.ndarray, "channel time"]:
+    n_channels = windows.shape[1]
+    return windows.transpose(1, 0, 2).reshape(n_channels, -1).astype(np.float64)
+
+
+def _attribute_to_features(
     classifier: FittedClassifier,
     network: BandPowerNetwork,
     windows: WindowSet,
@@ -218,29 +258,31 @@ def _of_levels(
     rival: int,
     shaft: float | None,
 ) -> dict[str, Any]:
-    band_powers = classifier.embed(windows).astype(np.float32)
-    gradient, change = network.mean_gradient(band_powers, label, rival, _LEVEL_STEPS)
+    features = classifier.embed(windows).astype(np.float32)
+    gradient, change = network.mean_gradient(features, label, rival, _BAND_POWER_STEPS)
     _require_finite(gradient, windows)
-    count, n_channels = len(windows), windows.n_channels
-    adds = (band_powers * gradient).reshape(count, n_channels, -1) / count
+
+    n_windows = len(windows)
+    products = (features * gradient).reshape(n_windows, windows.n_channels, -1) / n_windows
+    margin = float(change.mean())
+
     turns = float(windows.turns_per_sample[0])
-    catalogue = network.catalogue(classifier.length)
+    if not np.isfinite(turns):
+        turns = network.settings["turns"]
     bands = evidence_bands(classifier.sample_rate, shaft, classifier.length)
-    usual = network.settings["turns"]
-    shares = feature_shares(
-        catalogue, bands, classifier.sample_rate, turns if np.isfinite(turns) else usual
-    )
+    catalogue = network.catalogue(classifier.length)
+    shares = feature_shares(catalogue, bands, classifier.sample_rate, turns)
     return {
         "baseline": "the mean of the training",
-        "margin": float(change.mean()),
-        "gap": _gap(float(adds.sum()), float(change.mean())),
+        "margin": margin,
+        "completeness_error": _completeness_error(float(products.sum()), margin),
         "bands": bands,
-        "lines": adds.sum(axis=0) @ shares,
+        "contributions": products.sum(axis=0) @ shares,
     }
 
 
-def _gap(total: float, margin: float) -> float:
-    """Share of the margin that the sum of all contributions misses."""
+def _completeness_error(total: float, margin: float) -> float:
+    """Return the share of the margin that the sum of all contributions misses."""
     return abs(total - margin) / max(abs(margin), 1e-12)
 
 
@@ -253,8 +295,9 @@ def _require_finite(gradient: np.ndarray, windows: WindowSet) -> None:
 def mean_gradients(
     network: "nn.Module", signal: Float32[np.ndarray, "window *entry"], label: int, rival: int
 ) -> tuple[Float64[np.ndarray, "window *entry"], Float64[np.ndarray, " window"]]:
-    """(mean gradient on the way, f(x) - f(0)) of each scaled window, f being the score of `label`
-    less `rival`'s.
+    """Return the mean gradient on the path, and f(x) - f(0), of each scaled window.
+
+    f is the score of `label` less that of `rival`.
     """
     import torch
 
@@ -263,9 +306,12 @@ def mean_gradients(
     for step in range(STEPS):
         point = (inputs * ((step + 0.5) / STEPS)).requires_grad_(True)
         scores = network(point)
-        (slope,) = torch.autograd.grad((scores[:, label] - scores[:, rival]).sum(), point)
+        difference = scores[:, label] - scores[:, rival]
+        (slope,) = torch.autograd.grad(difference.sum(), point)
         gradient += slope.double() / STEPS
+
     with torch.no_grad():
-        ends = network(torch.cat([inputs, torch.zeros_like(inputs[:1])])).double()
-    answer = ends[:, label] - ends[:, rival]
-    return gradient.numpy(), (answer[:-1] - answer[-1]).numpy()
+        silence = torch.zeros_like(inputs[:1])
+        scores = network(torch.cat([inputs, silence])).double()
+    difference = scores[:, label] - scores[:, rival]
+    return gradient.numpy(), (difference[:-1] - difference[-1]).numpy()

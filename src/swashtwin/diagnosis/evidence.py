@@ -1,13 +1,14 @@
-"""Which lines and training recordings speak for a verdict."""
+"""Which spectral lines and training recordings speak for a verdict."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
 
-from swashtwin.diagnosis.attribution import Band, contributions
+from swashtwin.diagnosis.attribution import Band, attribute_answer
 from swashtwin.diagnosis.recording_arguments import require_recording
 from swashtwin.diagnosis.recording_diagnosis import recording_windows
 from swashtwin.diagnosis.verdict import Check, Diagnosis, next_checks
@@ -15,16 +16,21 @@ from swashtwin.foundation import InputError, to_table
 from swashtwin.learning import FittedClassifier
 from swashtwin.recordings import Recording, specified_shaft_frequency
 
-MOST_WINDOWS = 24
-"""Windows in a row that evidence is taken from; of more, those that speak most for the verdict."""
-_MOST_GAP = 0.1
-"""Share of the score that contributions may miss and still be called shares of it."""
-_NEIGHBORS = 5
+MAX_WINDOWS = 24
+"""Consecutive windows that evidence is computed from; of more, those that speak most for the
+verdict."""
+_MAX_COMPLETENESS_ERROR = 0.1
+"""Share of the score that contributions may miss and still be reported as shares of it."""
+_N_NEIGHBORS = 5
+_N_SENTENCE_LINES = 3
+_N_JSON_LINES = 10
+_MIN_PROBABILITY = 1e-12
+"""Keeps the logarithm of a probability finite."""
 
 
 @dataclass(frozen=True)
 class Neighbor:
-    """A recording of the training that resembles the one diagnosed."""
+    """A training recording that resembles the one diagnosed."""
 
     recording_id: str
     """Its id."""
@@ -36,141 +42,161 @@ class Neighbor:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the network's answer rests on; all figures are in the unit of its scores (log-odds)."""
+    """What the network's answer rests on; scores are log-odds."""
 
     recording_id: str
     """The recording."""
     label: str
-    """The class that was named."""
+    """The diagnosed class."""
     rival: str
-    """The next likeliest class: evidence is for the one against the other."""
+    """The second likeliest class: evidence is for the one against the other."""
     unknown: bool
-    """Whether the recording is unlike the training, so that neither class is named."""
+    """Whether the recording does not resemble the training, so that neither class holds."""
     baseline: str
-    """What the samples are compared with, in words: silence, or the mean of the training for a
-    network on levels.
-    """
+    """What the samples are compared with: silence, or the mean of the training for a network on
+    band powers."""
     margin: float
-    """Score of `label` less that of `rival`, less the same for `baseline`; mean over the windows
-    looked at.
-    """
-    gap: float
-    """Share of `margin` that the sum of `lines` misses, since gradients were taken at finitely many
-    points.
-    """
+    """Score of `label` less that of `rival`, less the same for `baseline`; mean over the
+    windows."""
+    completeness_error: float
+    """Share of `margin` that the sum of `contributions` misses, since gradients are computed at
+    finitely many points."""
     start: float
-    """Time of the first sample looked at [s]."""
+    """Time of the first sample used [s]."""
     duration: float
-    """Length of what was looked at [s]."""
+    """Length of the samples used [s]."""
     channels: tuple[str, ...]
     """Channels."""
     bands: tuple[Band, ...]
-    """Orders and third octaves, ascending; of a network on levels also those of the envelope, and
-    the whole.
-    """
-    lines: Float64[np.ndarray, "channel band"]
+    """Orders and third octaves, ascending; of a network on band powers also those of the envelope,
+    and the whole channel."""
+    contributions: Float64[np.ndarray, "channel band"]
     """What each band adds; their sum is `margin`."""
     pistons: int | None
-    """Number of pistons, where it was said."""
+    """Number of pistons, if specified."""
     nearest: tuple[Neighbor, ...]
-    """Most similar recordings of the training, nearest first; none where the classifier keeps
-    none.
-    """
+    """Most similar training recordings, nearest first; empty if the classifier stores none."""
     checks: tuple[Check, ...]
     """What to check on the machine."""
 
     @property
     def total(self) -> float:
-        """Sum of all contributions over `margin`: 1 where they add up."""
-        return float(self.lines.sum()) / self.margin if self.margin else math.nan
+        """Sum of all contributions over `margin`: 1 if they add up."""
+        return float(self.contributions.sum()) / self.margin if self.margin else math.nan
 
     @property
     def adds_up(self) -> bool:
-        """Whether the contributions miss at most 10 % of the score. Otherwise they are no shares of
-        it: only the order of the lines is shown, no figure.
+        """Whether the contributions miss at most 10 % of the score.
+
+        Otherwise they are not shares of it: only the order of the lines is reported.
         """
-        return self.gap <= _MOST_GAP
+        return self.completeness_error <= _MAX_COMPLETENESS_ERROR
 
     @property
     def remark(self) -> str:
-        """Why no shares are shown, where the contributions do not add up; else empty."""
+        """Why no shares are reported, if the contributions do not add up; else empty."""
         if self.adds_up:
             return ""
-        total = (
-            f"{100 * self.total:.0f} % of the score"
-            if math.isfinite(self.total)
-            else "something, the score is 0"
-        )
-        return f"No shares are shown: the contributions of all lines together add to {total}."
+        if math.isfinite(self.total):
+            total = f"add to {100 * self.total:.0f} % of the score"
+        else:
+            total = "do not add to the score, which is 0"
+        return f"No shares are shown: the contributions of all lines together {total}."
 
-    def strongest(self, count: int = 3) -> list[tuple[str, Band, float]]:
-        """(channel, band, share) of what speaks most for the verdict; shares are of all magnitudes
-        together.
+    def strongest(self, count: int = _N_SENTENCE_LINES) -> list[tuple[str, Band, float]]:
+        """Return channel, band and share of the lines that speak most for the verdict.
+
+        Shares are of all magnitudes together.
         """
-        share = self.lines / max(float(np.abs(self.lines).sum()), 1e-300)
-        indices = np.argsort(-share, axis=None)[:count]
-        picked = [np.unravel_index(index, share.shape) for index in indices]
-        return [
-            (self.channels[c], self.bands[b], float(share[c, b]))
-            for c, b in picked
-            if share[c, b] > 0
-        ]
+        magnitude = float(np.abs(self.contributions).sum())
+        shares = self.contributions / max(magnitude, 1e-300)
+
+        strongest = []
+        for flat_index in np.argsort(-shares, axis=None)[:count]:
+            channel, band = np.unravel_index(flat_index, shares.shape)
+            share = float(shares[channel, band])
+            if share > 0:
+                strongest.append((self.channels[channel], self.bands[band], share))
+        return strongest
 
     def describe(self, band: Band) -> str:
-        """The band in words, with what a maintenance engineer calls its line."""
+        """Return the band's name with what a maintenance engineer calls its line."""
         if band.order is None:
             return band.name
+
         frequency = f"{(band.low + band.high) / 2:.4g} Hz"
-        kind = "shaft" if band.order == 1 else ""
+        line_name = "shaft" if band.order == 1 else ""
         if self.pistons and band.order % self.pistons == 0:
-            times = band.order // self.pistons
-            kind = "piston-pass line" if times == 1 else f"{times}× the piston-pass line"
-        return f"{band.name} ({frequency}{', ' + kind if kind else ''})"
+            multiple = band.order // self.pistons
+            prefix = "" if multiple == 1 else f"{multiple}× the "
+            line_name = f"{prefix}piston-pass line"
+        details = f"{frequency}, {line_name}" if line_name else frequency
+        return f"{band.name} ({details})"
 
     def sentences(self) -> tuple[str, ...]:
-        """The evidence in words."""
-        label, rival = self.label.replace("_", " "), self.rival.replace("_", " ")
-        lines = [
-            f"{self.describe(band)} on {channel}{f' ({100 * share:.0f} %)' if self.adds_up else ''}"
-            for channel, band, share in self.strongest()
-        ]
-        about = "No class is named. Of those trained, what" if self.unknown else "What"
-        sentences = [
-            f"{about} speaks most for {label} rather than {rival}: {'; '.join(lines) or 'no single line'}."
-        ]
+        """Return the evidence as sentences."""
+        label = self.label.replace("_", " ")
+        sentences = [self._line_sentence()]
         if self.remark:
             sentences.append(self.remark)
         if self.margin <= 0:
             sentences.append(
-                f"The samples as a whole take away from {label}: to {self.baseline} the network answers {label} even "
-                f"more firmly. Lines against {self.baseline} say little of this verdict; lean on the nearest "
-                "recordings and on the checks."
+                f"The samples as a whole speak against {label}: for {self.baseline} the network "
+                f"answers {label} even more firmly. So the lines say little about this verdict; "
+                "rely on the nearest recordings and on the checks."
             )
         if self.nearest:
-            neighbors = [
-                f"{near.recording_id} ({near.label.replace('_', ' ')})" for near in self.nearest[:3]
-            ]
-            same = sum(near.label == self.label for near in self.nearest)
-            count = (
-                "" if self.unknown else f"; {same} of the {len(self.nearest)} nearest are {label}"
-            )
-            sentences.append(f"Nearest training recordings: {', '.join(neighbors)}{count}.")
+            sentences.append(self._neighbor_sentence())
         return tuple(sentences)
 
+    def _line_sentence(self) -> str:
+        label = self.label.replace("_", " ")
+        rival = self.rival.replace("_", " ")
+        lines = []
+        for channel, band, share in self.strongest():
+            percentage = f" ({100 * share:.0f} %)" if self.adds_up else ""
+            lines.append(f"{self.describe(band)} on {channel}{percentage}")
+
+        line_list = "; ".join(lines) or "no single line"
+        if self.unknown:
+            return (
+                "The recording is unknown. Among the trained classes, the strongest evidence for "
+                f"{label} against {rival} is: {line_list}."
+            )
+        return f"Strongest evidence for {label} against {rival}: {line_list}."
+
+    def _neighbor_sentence(self) -> str:
+        neighbors = [
+            f"{neighbor.recording_id} ({neighbor.label.replace('_', ' ')})"
+            for neighbor in self.nearest[:_N_SENTENCE_LINES]
+        ]
+        sentence = f"Nearest training recordings: {', '.join(neighbors)}"
+        if self.unknown:
+            return f"{sentence}."
+
+        n_same = sum(neighbor.label == self.label for neighbor in self.nearest)
+        label = self.label.replace("_", " ")
+        return f"{sentence}; {n_same} of the {len(self.nearest)} nearest are {label}."
+
     def to_dict(self) -> dict[str, Any]:
-        """Numbers, words and lists that JSON can hold."""
+        """Return what JSON can hold."""
         strongest = [
-            {"channel": channel, "band": band.name, "low_hz": band.low, "high_hz": band.high,
-             "share": share if self.adds_up else None}
-            for channel, band, share in self.strongest(10)
-        ]  # fmt: skip
+            {
+                "channel": channel,
+                "band": band.name,
+                "low_hz": band.low,
+                "high_hz": band.high,
+                "share": share if self.adds_up else None,
+            }
+            for channel, band, share in self.strongest(_N_JSON_LINES)
+        ]
         names = (
             "recording_id",
             "unknown",
             "label",
             "rival",
             "margin",
-            "gap",
+            "completeness_error",
             "adds_up",
             "nearest",
             "checks",
@@ -184,78 +210,99 @@ class Evidence:
 
 
 def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagnosis) -> Evidence:
-    """What the verdict on a recording rests on, by integrated gradients over the windows that speak
-    most for it.
+    """Return the evidence for a verdict, by integrated gradients.
 
-    It says what the network looks at, which is not yet why the pump vibrates so:
-    docs/explanation/diagnosis.md has the limits.
+    It shows which lines the network uses, which is not yet why the pump vibrates so: see the limits
+    in docs/explanation/diagnosis.md.
 
     Parameters
     ----------
-    diagnosis : of this recording, by this classifier. Where its `facts` state the number of
-        pistons, lines are named.
+    diagnosis : of this recording, by this classifier. If its `facts` specify the number of pistons,
+        lines are named.
 
     Raises
     ------
     InputError
-        The diagnosis is of another recording or without a verdict, or there is one class only.
+        The diagnosis is of another recording or without a verdict, or there is a single class.
     """
     require_recording(recording)
-    if diagnosis.label is None:
-        raise InputError(
-            f"{diagnosis.recording_id} has no verdict to explain: {diagnosis.no_verdict}"
-        )
-    if diagnosis.recording_id != recording.recording_id or set(diagnosis.probabilities) != set(
-        classifier.classes
-    ):
-        raise InputError(
-            f"the diagnosis is of {diagnosis.recording_id}, or by another classifier; diagnose this one."
-        )
-    if len(classifier.classes) < 2:
-        raise InputError("a classifier of one class has nothing to decide.")
+    _require_explainable(classifier, recording, diagnosis)
+
     answers = [classifier.answer(windows) for windows in recording_windows(classifier, recording)]
-    probability, features = (np.concatenate(part) for part in zip(*answers, strict=True))
+    probability, features = (np.concatenate(arrays) for arrays in zip(*answers, strict=True))
+
+    # The verdict comes first, even if the pooled probability of another class is higher.
     ranked = sorted(
         diagnosis.probabilities,
         key=lambda name: (name != diagnosis.label, -diagnosis.probabilities[name]),
     )
     label, rival = (classifier.classes.index(name) for name in ranked[:2])
-    logarithm = np.log(np.maximum(probability, 1e-12))
-    first, margin = 0, logarithm[:, label] - logarithm[:, rival]
-    if margin.size > MOST_WINDOWS:  # those in a row with the greatest margin together
-        first = int(np.convolve(margin, np.ones(MOST_WINDOWS), mode="valid").argmax())
-    count, length = min(MOST_WINDOWS, len(probability)), classifier.length
-    piece = recording.replace(label=None).slice(first * length, (first + count) * length)
-    windows = classifier.cut_windows([piece])
-    adds = contributions(classifier, windows, label, rival, specified_shaft_frequency(recording))
+
+    log_probability = np.log(np.maximum(probability, _MIN_PROBABILITY))
+    margin = log_probability[:, label] - log_probability[:, rival]
+    first_window = _strongest_stretch(margin)
+    n_windows = min(MAX_WINDOWS, len(probability))
+
+    length = classifier.length
+    stretch = recording.replace(label=None).slice(
+        first_window * length, (first_window + n_windows) * length
+    )
+    windows = classifier.cut_windows([stretch])
+    attribution = attribute_answer(
+        classifier, windows, label, rival, specified_shaft_frequency(recording)
+    )
+
+    likely_labels: Sequence[str] = diagnosis.prediction_set[:2] or ranked[:1]
+    likely_faults = [diagnosis.fault_of.get(name, name) for name in likely_labels]
     return Evidence(
-        **adds,
+        **attribution,
         recording_id=recording.recording_id,
         label=ranked[0],
         rival=ranked[1],
         unknown=diagnosis.unknown,
-        start=first * length / classifier.sample_rate,
+        start=first_window * length / classifier.sample_rate,
         duration=len(windows) * length / classifier.sample_rate,
         channels=classifier.channels,
         pistons=diagnosis.facts.pistons,
-        nearest=_nearest(classifier, features),
-        checks=next_checks(
-            *(
-                diagnosis.fault_of.get(name, name)
-                for name in diagnosis.prediction_set[:2] or ranked[:1]
-            ),
-            unknown=diagnosis.unknown,
-        ),
+        nearest=_nearest_recordings(classifier, features),
+        checks=next_checks(*likely_faults, unknown=diagnosis.unknown),
     )
 
 
-def _nearest(classifier: FittedClassifier, features: np.ndarray) -> tuple[Neighbor, ...]:
+def _require_explainable(
+    classifier: FittedClassifier, recording: Recording, diagnosis: Diagnosis
+) -> None:
+    if diagnosis.label is None:
+        raise InputError(
+            f"{diagnosis.recording_id} has no verdict to explain: {diagnosis.no_verdict}"
+        )
+    is_same_recording = diagnosis.recording_id == recording.recording_id
+    if not is_same_recording or set(diagnosis.probabilities) != set(classifier.classes):
+        raise InputError(
+            f"The diagnosis is of {diagnosis.recording_id}, or by another classifier; diagnose "
+            "this recording by this classifier."
+        )
+    if len(classifier.classes) < 2:
+        raise InputError("A classifier of one class has nothing to decide.")
+
+
+def _strongest_stretch(margin: Float[np.ndarray, " window"]) -> int:
+    """Return the first of `MAX_WINDOWS` consecutive windows with the largest total margin."""
+    if margin.size <= MAX_WINDOWS:
+        return 0
+    return int(np.convolve(margin, np.ones(MAX_WINDOWS), mode="valid").argmax())
+
+
+def _nearest_recordings(
+    classifier: FittedClassifier, features: Float[np.ndarray, "window feature"]
+) -> tuple[Neighbor, ...]:
     reference = classifier.training_reference
     if reference is None:
         return ()
     distance = reference.distances(features.mean(axis=0))
+    nearest = np.argsort(distance, kind="stable")[:_N_NEIGHBORS]
     return tuple(
         Neighbor(reference.recording_id[index], reference.label[index], float(distance[index]))
-        for index in np.argsort(distance, kind="stable")[:_NEIGHBORS]
+        for index in nearest
         if math.isfinite(distance[index])
     )

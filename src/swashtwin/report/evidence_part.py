@@ -36,7 +36,7 @@ def build_evidence_part(evidence: Evidence, key: str) -> Part:
     )
     pictures: tuple[Drawing, ...] = ()
     if evidence.adds_up:
-        gap = format_percent(evidence.gap) if evidence.gap else "0 %"
+        gap = format_percent(evidence.completeness_error) if evidence.completeness_error else "0 %"
         introduction += (
             ". The figure below divides that change between lines (by integrated gradients; "
         )
@@ -108,7 +108,7 @@ def draw_contributions(evidence: Evidence, key: str) -> Drawing:
         len(channels), 1, 1.1 + 1.35 * len(channels), sharex=True, sharey=True
     )
     for channel, name in enumerate(channels):
-        panel, adds = axes[channel, 0], evidence.lines[channel]
+        panel, adds = axes[channel, 0], evidence.contributions[channel]
         for position, band in zip(positions, evidence.bands, strict=True):
             if evidence.pistons and band.order is not None and band.order % evidence.pistons == 0:
                 panel.axvline(position, color=LIGHT, linewidth=5, zorder=0)
@@ -135,7 +135,7 @@ def draw_contributions(evidence: Evidence, key: str) -> Drawing:
         "band": [band.name for _ in channels for band in evidence.bands],
         "low_hz": np.tile([band.low for band in evidence.bands], len(channels)),
         "high_hz": np.tile([band.high for band in evidence.bands], len(channels)),
-        "adds": evidence.lines.ravel(),
+        "adds": evidence.contributions.ravel(),
     }
     return render_drawing(
         f"{key}_lines", figure, columns, title="Which lines speak for the verdict", caption=caption

@@ -342,7 +342,7 @@ def test_another_machine_with_the_same_file_names_is_tested_and_a_renamed_copy_i
     answer = run_json("evaluate", saved, tmp_path / "other" / "index.toml")
     assert answer["recordings"] == ["normal 0", "piston 0"]
     refused = run("evaluate", saved, tmp_path / "same" / "index.toml", code=3)
-    assert "all 2 recordings had a part in the model" in one_line(refused)
+    assert "All 2 recordings had a part in the model" in one_line(refused)
     said = run_json("diagnose", saved, tmp_path / "same" / "renamed 0.h5")["diagnoses"][0]["notes"]
     assert "under the name normal 0; the answer proves nothing" in said[0]
     assert (

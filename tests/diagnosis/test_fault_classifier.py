@@ -197,7 +197,7 @@ def test_validation_recordings_have_no_part_in_the_synthetic_windows():
 
 def test_too_few_validation_recordings_are_told_before_the_training():
     epochs = []
-    with pytest.raises(InputError, match="needs 9 validation recordings at least, there are 3"):
+    with pytest.raises(InputError, match="needs 9 validation recordings, and there are 3"):
         FaultClassifier(**SMALL, validation_fraction=0.34, error_rate=0.1).fit(
             recordings("train"), progress=lambda *step: epochs.append(step)
         )

@@ -125,7 +125,8 @@ def test_what_cannot_be_trained_is_refused_before_any_trial() -> None:
     with pytest.raises(DataError, match="no label"):
         fit_best_candidate(replace(windows(), target=np.full(32, -1)))
     with pytest.raises(
-        InputError, match=r"needs 99 .*there are 80; take more, or allow 0\.048"
+        InputError,
+        match=r"needs 99 .*there are 80\. Use more recordings, or an error rate of 0\.048",
     ):  # 20 of each machine
         fit_best_candidate(windows(per_class=40), error_rate=0.01)
     with pytest.raises(InputError, match="without a trial there is none"):

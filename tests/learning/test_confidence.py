@@ -194,7 +194,7 @@ def test_few_training_recordings_give_the_least_error_rate_that_they_allow(
     assert predictor.error_rate == rate
     assert predictor.basis == f"{count} training recordings answered by models trained without them"
     with pytest.raises(
-        InputError, match=rf"0\.03 needs 33 validation recordings at least, there are {count}"
+        InputError, match=rf"0\.03 needs 33 validation recordings, and there are {count}"
     ):
         cross_fitted_confidence(*answers, np.zeros(count), error_rate=0.03)
 
@@ -286,7 +286,7 @@ def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(
     )
     assert loaded.training_reference is None
     assert diagnose(loaded, piston).error_rate is None
-    with pytest.raises(DataError, match="train it with measured recordings"):
+    with pytest.raises(DataError, match="Train it with measured recordings"):
         learn_confidence(loaded, windows(several("validation", 10)))
 
 
@@ -300,7 +300,8 @@ def test_validation_recordings_join_the_manifest_and_leaks_are_refused(bare, tau
 
 def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taught) -> None:
     with pytest.raises(
-        InputError, match=r"0\.1 needs 9 validation .* there are 8; take more, or allow 0\.112"
+        InputError,
+        match=r"0\.1 needs 9 validation .* there are 8\. Use more recordings, or an error rate of 0\.112",
     ):
         learn_confidence(bare, windows(several("validation", 4)))
     with pytest.raises(InputError, match=r"0\.01 needs 99 .*there are 20"):
@@ -309,7 +310,7 @@ def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taugh
         learn_confidence(bare, windows(several("validation", 10)), error_rate=10)
     with pytest.raises(InputError, match=r"validation_fraction=0\.2"):
         diagnose(bare, recording("new", "normal"), error_rate=0.1)
-    with pytest.raises(InputError, match="calibrate it on recordings"):
+    with pytest.raises(InputError, match="Calibrate it on recordings"):
         score_confidence(bare, windows(several("test", 2)))
 
 

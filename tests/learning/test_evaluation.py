@@ -206,9 +206,9 @@ def test_what_cannot_be_scored_is_refused():
         evaluate(Oracle(sure([0])), measured([-1]))
     with pytest.raises(DataError, match="no window"):
         evaluate(Oracle(sure([0])), measured([0]).subset(np.array([], dtype=np.int64)))
-    with pytest.raises(InputError, match="does not know 'loose'"):
+    with pytest.raises(InputError, match="does not know the class 'loose'"):
         evaluate(Oracle(sure([0])), measured([0], classes=("normal", "loose")))
-    with pytest.raises(InputError, match="split 'L9' is none of L0, L1"):
+    with pytest.raises(InputError, match="Invalid split 'L9': it must be one of L0, L1"):
         evaluate(Oracle(sure([0])), measured([0]), split="L9")
 
 

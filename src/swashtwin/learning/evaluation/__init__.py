@@ -1,3 +1,1 @@
-"""Scores of a classifier on recordings it has never seen, with the split beside
-them.
-"""
+"""Scores of a classifier on recordings that had no part in it, and its confidence."""

@@ -1,5 +1,6 @@
-"""How reliable a classifier's answers are, from answers to recordings that had no part in training
-what gave them.
+"""How reliable a classifier's answers are: temperature, prediction sets, and unknown recordings.
+
+All of it is learned from answers to recordings on which the answering model was not trained.
 """
 
 import math
@@ -15,9 +16,7 @@ from swashtwin.foundation import InputError, plural
 
 @dataclass(frozen=True, eq=False)
 class Confidence:
-    """A temperature, prediction sets and a threshold for what is unknown, learned from validation
-    recordings.
-    """
+    """Temperature, prediction sets and threshold for unknown recordings, from validation recordings."""
 
     temperature: float
     """T by which the log-probabilities of a single window are divided: p_c^(1/T) / Σ p^(1/T) (Guo
@@ -58,26 +57,27 @@ class Confidence:
         if not 0 <= self.dependence <= 1:
             raise InputError(f"dependence ({self.dependence:g}) must lie between 0 and 1.")
         require_validation_recordings(self.n_recordings, self.error_rate)
+
         counts = self.listening_windows
         if counts[:1] != (1,) or sorted(set(counts)) != list(counts):
             raise InputError(f"listening_windows ({counts}) must ascend from 1.")
-        if self.nonconformity_score.shape != (len(counts), self.n_recordings) or (
-            self.ood_score.shape != self.target.shape
-        ):
-            raise InputError("a confidence needs the scores of each validation recording.")
+        has_scores = self.nonconformity_score.shape == (len(counts), self.n_recordings)
+        if not has_scores or self.ood_score.shape != self.target.shape:
+            raise InputError("A confidence needs the scores of each validation recording.")
         if (np.diff(self.ood_score) < 0).any():
             raise InputError("ood_score must ascend.")
 
     @property
     def n_recordings(self) -> int:
-        """Validation recordings it was learned from."""
+        """Number of validation recordings it was learned from."""
         return int(self.target.size)
 
     @property
     def basis(self) -> str:
-        """The validation recordings in words."""
+        """Description of the validation recordings."""
         if self.cross_fitted:
-            return f"{plural(self.n_recordings, 'training recording')} answered by models trained without them"
+            recordings = plural(self.n_recordings, "training recording")
+            return f"{recordings} answered by models trained without them"
         return f"{plural(self.n_recordings, 'validation recording')} held out"
 
     def temperature_scaled(
@@ -85,10 +85,11 @@ class Confidence:
         probability: Float[np.ndarray, "*recording class"],
         n_windows: int | Int[np.ndarray, "*recording"],
     ) -> Float64[np.ndarray, "*recording class"]:
-        """Calibrated probabilities of recordings; rows sum to 1, and the likeliest class stays.
+        """Return the calibrated probabilities of recordings.
 
-        log p_c becomes n_eff log p_c / T, with n_eff = n / (1 + (n - 1) ρ) and p from the mean
-        log-probability of the n windows (`pooled_probabilities`).
+        Rows sum to 1, and the likeliest class stays the same. log p_c becomes n_eff log p_c / T,
+        with n_eff = n / (1 + (n - 1) ρ) and p from the mean log-probability of the n windows
+        (`pooled_probabilities`).
 
         Examples
         --------
@@ -97,9 +98,8 @@ class Confidence:
         >>> confidence.temperature_scaled(np.array([0.96, 0.04]), 20).round(2)
         array([0.95, 0.05])
         """
-        return temperature_scaled(
-            probability, pooled_temperature(self.temperature, self.dependence, n_windows)
-        )
+        temperature = pooled_temperature(self.temperature, self.dependence, n_windows)
+        return temperature_scaled(probability, temperature)
 
     def plausibility(
         self,
@@ -107,42 +107,47 @@ class Confidence:
         n_windows: int | Int[np.ndarray, "*recording"],
         error_rate: float | None = None,
     ) -> Float64[np.ndarray, "*recording class"]:
-        """Conformal p-value of each class: the share of recordings whose score is at least as high,
-        this one counted.
+        """Return the conformal p-value of each class.
 
+        That is the share of recordings whose score is at least as high, this one counted:
         (1 + #{i : s_i >= -log p_c}) / (m + 1) over the m validation recordings of the class's
-        `class_groups`, each cut to the most `listening_windows` that the recording has. p_c is that
-        of `pooled_probabilities` before the temperature, so that no p-value depends on what was
-        fitted to the validation recordings. For the true class it is at most e in a share e of the
-        recordings of each group (Mondrian sets: Vovk, Gammerman and Shafer 2005, ch. 4).
+        `class_groups`, each cut to the largest of `listening_windows` that the recording has. p_c
+        is that of `pooled_probabilities` before the temperature, so that no p-value depends on what
+        was fitted to the validation recordings. For the true class it is at most e in a share e of
+        the recordings of each group (Mondrian sets: Vovk, Gammerman and Shafer 2005, ch. 4).
         """
         score = nonconformity_scores(probability)
         row = np.searchsorted(self.listening_windows, n_windows, side="right") - 1
-        group = self.class_groups(score.shape[-1], error_rate)
+        validation_score = self.nonconformity_score[row]
+        class_group = self.class_groups(score.shape[-1], error_rate)
+
         p_value = np.empty_like(score)
-        for index in np.unique(group):
-            among = self.nonconformity_score[row][..., group[self.target] == index]
-            at_least = (among[..., None, :] >= score[..., group == index, None]).sum(axis=-1)
-            p_value[..., group == index] = (1 + at_least) / (among.shape[-1] + 1)
+        for group in np.unique(class_group):
+            group_score = validation_score[..., class_group[self.target] == group]
+            class_score = score[..., class_group == group, None]
+            n_higher = (group_score[..., None, :] >= class_score).sum(axis=-1)
+            p_value[..., class_group == group] = (1 + n_higher) / (group_score.shape[-1] + 1)
         return p_value
 
     def class_groups(
         self, n_classes: int, error_rate: float | None = None
     ) -> Int64[np.ndarray, " class"]:
-        """Group of each class: its index where it has validation recordings enough of its own, else
-        -1.
+        """Return the group of each class, within which its p-values are computed.
 
-        Scarce classes are judged together. Where they are too few even so, the next scarcest
-        classes join them.
+        It is the class's index if the class has enough validation recordings, else -1: scarce
+        classes are judged together. If they are too few even so, the next scarcest classes join
+        them.
         """
-        least = min_validation_recordings(self.error_rate if error_rate is None else error_rate)
+        rate = self.error_rate if error_rate is None else error_rate
+        needed = min_validation_recordings(rate)
         count = np.bincount(self.target, minlength=n_classes)
-        order = np.argsort(count, kind="stable")
-        n_together = int(np.count_nonzero(count < least))
-        while n_together and n_together < n_classes and count[order[:n_together]].sum() < least:
-            n_together += 1
+        by_count = np.argsort(count, kind="stable")
+        n_scarce = int(np.count_nonzero(count < needed))
+        while 0 < n_scarce < n_classes and count[by_count[:n_scarce]].sum() < needed:
+            n_scarce += 1
+
         group = np.arange(n_classes)
-        group[order[:n_together]] = -1
+        group[by_count[:n_scarce]] = -1
         return group
 
     def prediction_set(
@@ -151,10 +156,14 @@ class Confidence:
         n_windows: int | Int[np.ndarray, "*recording"],
         error_rate: float | None = None,
     ) -> Bool[np.ndarray, "*recording class"]:
-        """Which classes cannot be ruled out at the error rate: those more plausible than it, and
-        always the likeliest.
+        """Return which classes cannot be excluded at the error rate.
 
-        An `InputError` where there are too few validation recordings for the rate.
+        These are the classes whose p-value exceeds it, and always the likeliest one.
+
+        Raises
+        ------
+        InputError
+            Too few validation recordings for the rate.
         """
         rate = self.error_rate if error_rate is None else error_rate
         require_validation_recordings(self.n_recordings, rate)
@@ -165,62 +174,87 @@ class Confidence:
     def ood_p_value(
         self, ood_score: Float[np.ndarray, "*recording"]
     ) -> Float64[np.ndarray, "*recording"]:
-        """Conformal p-value of resembling the training: the share of recordings whose score is at
-        least as high.
+        """Return the conformal p-value of resembling the training.
 
-        Where it is at most the error rate, the recording is called unknown.
+        That is the share of recordings whose score is at least as high. If it is at most the error
+        rate, the recording is called unknown.
         """
-        at_least = self.n_recordings - np.searchsorted(
-            self.ood_score, np.asarray(ood_score), side="left"
-        )
-        return np.asarray((1 + at_least) / (self.n_recordings + 1), dtype=np.float64)
+        n_lower = np.searchsorted(self.ood_score, np.asarray(ood_score), side="left")
+        n_higher = self.n_recordings - n_lower
+        return np.asarray((1 + n_higher) / (self.n_recordings + 1), dtype=np.float64)
+
+
+_ROUNDING = 1e-9
+"""Guards whole numbers such as 1 / 0.1 against rounding up."""
 
 
 def min_validation_recordings(error_rate: float) -> int:
-    """Validation recordings that an error rate needs at least: 1 / error_rate - 1, rounded up.
+    """Return the number of validation recordings that an error rate needs.
 
-    An `InputError` where it is not between 0 and 1.
+    It is 1 / error_rate - 1, rounded up: with fewer, no p-value can be that small.
+
+    Raises
+    ------
+    InputError
+        The rate is not between 0 and 1.
     """
     if not (isinstance(error_rate, (int, float, np.number)) and 0 < error_rate < 1):
         raise InputError(
             f"error_rate ({error_rate!r}) must lie between 0 and 1; one recording in ten is 0.1."
         )
-    return math.ceil(1 / error_rate - 1 - 1e-9)
+    return math.ceil(1 / error_rate - 1 - _ROUNDING)
 
 
 def require_validation_recordings(
-    n_recordings: int, error_rate: float, fewest: int | None = None
+    n_recordings: int, error_rate: float, n_advised: int | None = None
 ) -> None:
-    """Raise an `InputError` where so many validation recordings cannot say anything at this error
-    rate; it advises the rate that the `fewest` which may be left of them allow.
+    """Require enough validation recordings for an error rate.
+
+    Parameters
+    ----------
+    n_advised : number of recordings for which the error advises a rate, if the confidence may rest
+        on fewer than `n_recordings`.
+
+    Raises
+    ------
+    InputError
+        They are too few.
     """
-    least = min_validation_recordings(error_rate)
-    if n_recordings < least:
+    needed = min_validation_recordings(error_rate)
+    if n_recordings < needed:
+        allowed = allowed_error_rate(n_advised or n_recordings, error_rate)
         raise InputError(
-            f"an error rate of {error_rate:g} needs {least} validation recordings at least, there are {n_recordings}; "
-            f"take more, or allow {allowed_error_rate(fewest or n_recordings, error_rate):g} or more."
+            f"An error rate of {error_rate:g} needs {needed} validation recordings, and there are "
+            f"{n_recordings}. Use more recordings, or an error rate of {allowed:g} or more.",
+            field="error_rate",
         )
 
 
 def validation_share(
     n_recordings: int, error_rate: float = 0.1, fraction: float = 0.2
 ) -> tuple[float, int]:
-    """(share of the recordings to hold back for validation, about how many these are).
+    """Return the share of the recordings to hold out for validation, and about how many these are.
 
-    That is `fraction`, or as much more as the error rate needs, half at most; see
-    `allowed_error_rate` of so many. The recordings are those that are left after the test set was
-    taken away.
+    The share is `fraction`, or as much more as the error rate needs, at most half; see
+    `allowed_error_rate` for what these allow.
+
+    Parameters
+    ----------
+    n_recordings : recordings that are left after the test set was taken away.
     """
     needed = min_validation_recordings(error_rate)
     if round(n_recordings * fraction) >= needed:
         return fraction, round(n_recordings * fraction)
-    folds = max(2, min(int(1 / fraction + 1e-9), n_recordings // needed))
-    return round(1 / folds, 3), n_recordings // folds
+
+    largest_k = int(1 / fraction + _ROUNDING)
+    n_folds = max(2, min(largest_k, n_recordings // needed))
+    return round(1 / n_folds, 3), n_recordings // n_folds
 
 
 def allowed_error_rate(n_validation: int, error_rate: float) -> float:
-    """`error_rate`, or the least that so many validation recordings allow, rounded up to three
-    digits.
+    """Return `error_rate`, or the lowest one that some validation recordings allow.
+
+    The latter is rounded up to three digits.
     """
     if n_validation >= min_validation_recordings(error_rate):
         return error_rate
@@ -230,7 +264,7 @@ def allowed_error_rate(n_validation: int, error_rate: float) -> float:
 def pooled_temperature(
     temperature: float, dependence: float, n_windows: int | Int[np.ndarray, "*recording"]
 ) -> Float64[np.ndarray, "*recording"]:
-    """T / n_eff = T (ρ + (1 - ρ) / n): what divides the mean log-probability of n windows."""
+    """Return T / n_eff = T (ρ + (1 - ρ) / n), the temperature of a mean over n windows."""
     return np.asarray(
         temperature * (dependence + (1 - dependence) / np.asarray(n_windows)), dtype=np.float64
     )
@@ -240,7 +274,7 @@ def temperature_scaled(
     probability: Float[np.ndarray, "*recording class"],
     temperature: float | Float[np.ndarray, "..."],
 ) -> Float64[np.ndarray, "*recording class"]:
-    """p_c^(1/T) / Σ p^(1/T) along the last axis."""
+    """Return p_c^(1/T) / Σ p^(1/T) along the last axis."""
     logarithm = -nonconformity_scores(probability) / np.asarray(temperature)[..., None]
     return np.asarray(scipy.special.softmax(logarithm, axis=-1))
 
@@ -248,66 +282,73 @@ def temperature_scaled(
 def nonconformity_scores(
     probability: Float[np.ndarray, "*recording class"],
 ) -> Float64[np.ndarray, "*recording class"]:
-    """-log p [nat], p being 1e-300 at least."""
+    """Return -log p [nat], with p at least 1e-300."""
     return np.asarray(-np.log(np.maximum(probability, 1e-300)), dtype=np.float64)
 
 
 _TEMPERATURES = (0.05, 100.0)
 """Bounds of the temperature."""
 _STARTS = (1.0, 0.1)
-"""Dependences that the search starts from; where no recording has two windows it stays at the
-first.
-"""
+"""Dependences that the search starts from; it stays at the first if no recording has two windows."""
 
 
 def pooled_probabilities(
     probability: Float[np.ndarray, "window class"], confidence: Confidence | None = None
 ) -> Float[np.ndarray, " class"]:
-    """Probability of each class for a whole recording, from the mean log-probability of its
-    windows.
+    """Return the probability of each class for a whole recording.
 
-    With a confidence, the mean is scaled to as many independent windows as they are worth and to
-    its temperature; without, the recording counts as a single window. The likeliest class is the
-    same. NaN for each class where a window has no finite answer.
+    It is that of the mean log-probability of the windows. With a confidence, the mean is scaled to
+    the number of independent windows that they are worth and to its temperature; without, the
+    recording counts as a single window. The likeliest class is the same. All are NaN if a window
+    has no finite answer.
     """
     pooled = scipy.special.softmax(np.log(np.maximum(probability, 1e-12)).mean(axis=0))
-    return pooled if confidence is None else confidence.temperature_scaled(pooled, len(probability))
+    if confidence is None:
+        return pooled
+    return confidence.temperature_scaled(pooled, len(probability))
 
 
 def window_counts(n_windows: int) -> tuple[int, ...]:
-    """Powers of two below `n_windows`, and `n_windows`: what recordings are cut to."""
-    return *(1 << power for power in range((n_windows - 1).bit_length())), n_windows
+    """Return the powers of two below `n_windows`, and `n_windows`: lengths of cut recordings."""
+    powers = [1 << power for power in range((n_windows - 1).bit_length())]
+    return (*powers, n_windows)
 
 
 def fit_pooling(
     probability: Sequence[Float[np.ndarray, "window class"]],
     target: Int64[np.ndarray, " recording"],
 ) -> tuple[float, float]:
-    """(temperature T, dependence ρ) of the least cross-entropy on recordings listened to for
-    several times.
+    """Return the temperature T and the dependence ρ of the lowest cross-entropy.
 
-    Each recording is cut into consecutive blocks of 1, 2, 4, ... and all windows, and each of these
-    times, then each recording, has the same weight. The targets are (n + 1)/(n + C) for the true
-    class of n recordings and 1/(n + C) for each other. These are Laplace's shares: n recordings
-    that are all told right are no proof of certainty (the multiclass form of Platt's targets,
-    1999). Without them T would fall to nothing there.
+    Each recording is cut into consecutive blocks of 1, 2, 4, ... and all windows. Each of these
+    lengths, and then each recording, has the same weight. The targets are (n + 1)/(n + C) for the
+    true class of n recordings and 1/(n + C) for each other. These are Laplace's shares: n
+    recordings that are all classified right are no proof of certainty (the multiclass form of
+    Platt's targets, 1999). Without them T would fall to nothing there.
     """
-    n, n_classes = len(probability), probability[0].shape[1]
-    goal = np.full((n, n_classes), 1 / (n + n_classes))
-    goal[np.arange(n), target] = (n + 1) / (n + n_classes)
+    n_recordings = len(probability)
+    n_classes = probability[0].shape[1]
+    recording_goals = np.full((n_recordings, n_classes), 1 / (n_recordings + n_classes))
+    true_share = (n_recordings + 1) / (n_recordings + n_classes)
+    recording_goals[np.arange(n_recordings), target] = true_share
+
     blocks = [_blocks(np.log(np.maximum(part, 1e-12))) for part in probability]
     mean, count, weight = (np.concatenate(part) for part in zip(*blocks, strict=True))
-    goals = np.repeat(goal, [len(block[1]) for block in blocks], axis=0)
+    n_blocks = [len(block_counts) for _, block_counts, _ in blocks]
+    goals = np.repeat(recording_goals, n_blocks, axis=0)
 
     def loss(parameters: Float64[np.ndarray, " 2"]) -> tuple[float, Float64[np.ndarray, " 2"]]:
-        logarithm, dependence = parameters
-        inverse = 1 / pooled_temperature(float(np.exp(logarithm)), float(dependence), count)
+        """Return the cross-entropy and its gradient, by log T and ρ."""
+        log_temperature, dependence = parameters
+        temperature = float(np.exp(log_temperature))
+        inverse = 1 / pooled_temperature(temperature, float(dependence), count)
         log_share = scipy.special.log_softmax(inverse[:, None] * mean, axis=1)
+        cross_entropy = -(weight @ (goals * log_share).sum(axis=1)) / n_recordings
+
         slope = weight * ((np.exp(log_share) - goals) * mean).sum(axis=1) * -inverse
         relative = (1 - 1 / count) / (dependence + (1 - dependence) / count)
-        return float(-(weight @ (goals * log_share).sum(axis=1)) / n), np.array(
-            [slope.sum() / n, (slope * relative).sum() / n]
-        )
+        gradient = np.array([slope.sum(), (slope * relative).sum()]) / n_recordings
+        return float(cross_entropy), gradient
 
     low, high = np.log(_TEMPERATURES)
     fits = [
@@ -321,28 +362,34 @@ def fit_pooling(
 
 
 def _blocks(
-    logarithm: Float64[np.ndarray, "window class"],
+    log_probability: Float64[np.ndarray, "window class"],
 ) -> tuple[
     Float64[np.ndarray, "block class"], Int64[np.ndarray, " block"], Float64[np.ndarray, " block"]
 ]:
-    """(mean log-probability, windows, weight) of each block of consecutive windows of one
-    recording.
+    """Return the blocks of consecutive windows of one recording.
+
+    For each block: its mean log-probability, its number of windows, and its weight.
     """
-    counts = window_counts(len(logarithm))
-    starts = [np.arange(0, len(logarithm) - count + 1, count) for count in counts]
-    means = [
-        np.stack([logarithm[start : start + count].mean(axis=0) for start in first])
-        for count, first in zip(counts, starts, strict=True)
-    ]
-    sizes = [len(first) for first in starts]
-    weights = np.repeat([1 / (size * len(counts)) for size in sizes], sizes)
-    return np.concatenate(means), np.repeat(counts, sizes).astype(np.int64), weights
+    n_windows = len(log_probability)
+    lengths = window_counts(n_windows)
+    means = []
+    counts = []
+    weights = []
+    for length in lengths:
+        starts = range(0, n_windows - length + 1, length)
+        for start in starts:
+            means.append(log_probability[start : start + length].mean(axis=0))
+            counts.append(length)
+            weights.append(1 / (len(starts) * len(lengths)))
+    return np.stack(means), np.array(counts, dtype=np.int64), np.array(weights)
 
 
 def likeliest_class(
     probability: Float[np.ndarray, "*window class"],
 ) -> Int64[np.ndarray, "*window"]:
-    """Index of the likeliest class; -1 where a probability is no finite number, so that there is no
-    verdict.
+    """Return the index of the likeliest class.
+
+    It is -1 if a probability is not finite, so that there is no verdict.
     """
-    return np.where(np.isfinite(probability).all(axis=-1), probability.argmax(axis=-1), -1)
+    is_finite = np.isfinite(probability).all(axis=-1)
+    return np.where(is_finite, probability.argmax(axis=-1), -1)

@@ -81,7 +81,7 @@ def test_the_fidelity_of_synthetic_windows_is_printed(
     facts = (*words, "--out", tmp_path / "made.safetensors")
     printed = run(*facts).stdout
     assert "fidelity: " in printed
-    assert "Features that tell them most" in printed
+    assert "Features that separate them best" in printed
 
 
 def test_a_model_knows_every_recording_behind_it(chain: dict[str, dict[str, Any]]) -> None:

@@ -9,15 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import print_note, print_result, print_table, print_text, progress
-from swashtwin.cli.files import (
-    Force,
-    Report,
-    is_collection,
-    load_sources,
-    require_output,
-    require_page,
-    write_page,
-)
 from swashtwin.cli.options import (
     FaultText,
     Json,
@@ -35,6 +26,8 @@ from swashtwin.cli.options import (
     reads_files,
     without_none,
 )
+from swashtwin.cli.outputs import Force, Report, require_output, require_page, write_page
+from swashtwin.cli.sources import is_collection, load_sources
 from swashtwin.foundation import parse_quantity, plural
 
 if TYPE_CHECKING:
@@ -115,9 +108,13 @@ def calibrate(
 
     values_file, read = out.with_name(f"{out.stem}-interfaces.toml"), [source, Path(pump)]
     require_output(
-        out, suffixes=[".json"], inputs=read, own=['"format": "swashtwin calibration'], force=force
+        out,
+        suffixes=[".json"],
+        inputs=read,
+        marks=['"format": "swashtwin calibration'],
+        force=force,
     )
-    require_output(values_file, inputs=read, own=["calibrated with"], force=force)
+    require_output(values_file, inputs=read, marks=["calibrated with"], force=force)
     require_page(report, inputs=read, force=force)
     recipe = dict((presets.paper if preset is Preset.paper else presets.recommended).calibration)
     kinds = {Method.gauss_newton: calibration.GaussNewton, Method.ipinn: calibration.IPINN}

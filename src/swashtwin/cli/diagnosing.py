@@ -1,4 +1,4 @@
-"""Commands that end a user's work: diagnose, report."""
+"""Commands that answer a user's question: diagnose and report."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,8 +18,9 @@ from swashtwin.cli.console import (
     print_text,
     require_existing,
 )
-from swashtwin.cli.files import Force, Report, load_sources, require_page, write_page
 from swashtwin.cli.options import Json, ModelFile, Reading, Sources, reads_files, require_index
+from swashtwin.cli.outputs import Force, Report, require_page, write_page
+from swashtwin.cli.sources import load_sources
 from swashtwin.cli.training import confidence_advice
 from swashtwin.foundation import plural
 
@@ -28,8 +29,15 @@ if TYPE_CHECKING:
     from swashtwin.learning import FittedClassifier
     from swashtwin.recordings import Recording
 
-EXPLAINED = 10
-"""Recordings whose evidence a report shows; each costs some hundred passes through the network."""
+MAX_EXPLAINED = 10
+"""Recordings whose evidence a report shows; each requires some hundred passes of the network."""
+
+_HEADERS = {
+    "classifier": ("recording", "verdict", "probability", "agreeing windows", "prediction set"),
+    "detector": ("recording", "verdict", "p-value", "largest change"),
+    "prior": ("recording", "verdict", "probability"),
+}
+"""Columns of the table, by kind of model."""
 
 
 @reads_files
@@ -40,14 +48,16 @@ def diagnose(
     error_rate: Annotated[
         float | None,
         typer.Option(
-            help="Of the prediction sets and of calling unknown, or of false alarms; the model's by default."
+            help="Target miscoverage of the prediction sets and rate of wrong unknowns, or "
+            "false-alarm rate of an anomaly detector. Default: the model's."
         ),
     ] = None,
     healthy: Annotated[
         Path | None,
         typer.Option(
             metavar="FOLDER|INDEX",
-            help="Healthy recordings of the machine, which a classifier then compares with; others in it are left out.",
+            help="Healthy recordings of the machine, with which a classifier compares. Recordings "
+            "of other classes in it are ignored.",
             callback=require_index,
         ),
     ] = None,
@@ -58,10 +68,9 @@ def diagnose(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Name the class of each recording, or whether it deviates, and what to know before trusting
-    it.
+    """Classify each recording, or flag it as anomalous.
 
-    The exit code is 4 if a recording has no verdict, because it cannot be used or a number is not
+    The exit code is 4 if a recording has no verdict, because it is unusable or a number is not
     finite.
     """
     from swashtwin.diagnosis import FaultClassifier, load_model
@@ -70,8 +79,9 @@ def diagnose(
     trained = load_model(model)
     recordings = load_sources(paths, **reading)
     if healthy is not None:
-        trained, recordings = _compared(trained, healthy, recordings)
-    rate: dict[str, Any] = {} if error_rate is None else {"error_rate": error_rate}
+        trained, recordings = _compare_with(trained, healthy, recordings)
+
+    rate = {} if error_rate is None else {"error_rate": error_rate}
     verdicts = [
         trained.diagnose(recording, **rate)
         for recording in iterate_with_progress(recordings, "diagnosing")
@@ -80,48 +90,25 @@ def diagnose(
         verdicts = [
             replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts
         ]
-    evidence = {}
+
+    evidence: dict[str, Evidence] = {}
     if report is not None and isinstance(trained, FaultClassifier):
-        evidence = _evidence_of(trained.fitted_, recordings, verdicts)
-    items = [
-        item
-        for verdict in verdicts
-        for item in (verdict, evidence.get(verdict.recording_id))
-        if item is not None
-    ]
-    page = write_page(report, *items, about={"Model": model})
+        evidence = _collect_evidence(trained.fitted_, recordings, verdicts)
+    page_parts: list[Any] = []
+    for verdict in verdicts:
+        page_parts.append(verdict)
+        if verdict.recording_id in evidence:
+            page_parts.append(evidence[verdict.recording_id])
+    page = write_page(report, *page_parts, about={"Model": model})
 
     def show() -> None:
-        print_table(
-            plural(len(verdicts), "recording"),
-            _HEADERS[verdicts[0].kind],
-            [_row(verdict) for verdict in verdicts],
-        )
+        _print_verdicts(verdicts)
         if isinstance(trained, FaultClassifier) and trained.fitted_.confidence is None:
-            print_note(
-                f"note: the model's confidence is not calibrated; {confidence_advice(trained.fitted_)}."
-            )
-        said = {
-            verdict: verdict.sentence()
-            for verdict in verdicts
-            if verdict.label is None or verdict.unknown
-        }
-        print_merged_notes(
-            [
-                (item.recording_id, text.replace(f": {item.recording_id} ", ": it ", 1))
-                for item, text in said.items()
-            ]
-        )
-        pairs = ((verdict, text) for verdict in verdicts for text in verdict.notes)
-        print_merged_notes(
-            [
-                (verdict.recording_id, text)
-                for verdict, text in pairs
-                if text not in said.get(verdict, "")
-            ]
-        )
-        if evidence and len(verdicts) > EXPLAINED:
-            print_note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
+            advice = confidence_advice(trained.fitted_)
+            print_note(f"note: the confidence of the model is not calibrated; {advice}.")
+        _print_notes(verdicts)
+        if evidence and len(verdicts) > MAX_EXPLAINED:
+            print_note(f"note: evidence is shown for the first {MAX_EXPLAINED} recordings only.")
         if page is not None:
             print_text(str(page))
 
@@ -129,107 +116,128 @@ def diagnose(
         "model": model,
         "diagnoses": [verdict.to_dict() for verdict in verdicts],
         "report": page,
+        "evidence": [part.to_dict() for part in evidence.values()],
     }
-    print_result(
-        {**result, "evidence": [item.to_dict() for item in evidence.values()]}, as_json, show
-    )
+    print_result(result, as_json, show)
     if any(verdict.label is None for verdict in verdicts):
         raise typer.Exit(NO_VERDICT)
 
 
-def _compared(
+def _compare_with(
     trained: object, healthy: Path, recordings: "Sequence[Recording]"
 ) -> "tuple[FaultClassifier, list[Recording]]":
-    """(the classifier that compares with healthy recordings, recordings to diagnose): where the
-    healthy ones are of one machine, so are those that state none.
+    """Return the classifier that compares with healthy recordings, and the recordings to diagnose.
+
+    If the healthy recordings are of one machine, recordings that specify no machine are of it too.
     """
     from swashtwin.diagnosis import FaultClassifier
     from swashtwin.foundation import InputError
     from swashtwin.pump import is_healthy
 
     if not isinstance(trained, FaultClassifier):
-        raise typer.BadParameter("belongs to a classifier; leave it out.", param_hint="--healthy")
+        raise typer.BadParameter("applies to a classifier only. Omit it.", param_hint="--healthy")
     reference = [
-        item for item in load_sources([healthy]) if item.label is None or is_healthy(item.label)
+        recording
+        for recording in load_sources([healthy])
+        if recording.label is None or is_healthy(recording.label)
     ]
     if not reference:
-        raise InputError(f"{healthy} has no healthy recording; name a folder or an index that has.")
-    names, compared = {item.specimen or "" for item in reference}, list(recordings)
-    if len(names) == 1:
-        name = names.pop() or "this machine"
-        reference = [item.replace(specimen=name) for item in reference]
-        compared = [item if item.specimen else item.replace(specimen=name) for item in compared]
+        raise InputError(
+            f"{healthy} has no healthy recording. Specify a folder or an index that has one."
+        )
+
+    compared = list(recordings)
+    machines = {recording.specimen or "" for recording in reference}
+    if len(machines) == 1:
+        machine = machines.pop() or "this machine"
+        reference = [recording.replace(specimen=machine) for recording in reference]
+        compared = [
+            recording if recording.specimen else recording.replace(specimen=machine)
+            for recording in compared
+        ]
+
     informed = trained.with_healthy(reference)
     for text in informed.notes_:
         print_note(f"note: {text}")
     return informed, compared
 
 
-def _evidence_of(
+def _collect_evidence(
     classifier: "FittedClassifier",
-    recordings: Sequence["Recording"],
-    verdicts: Sequence["Diagnosis"],
-) -> dict[str, "Evidence"]:
-    """What the first verdicts rest on, by recording; none of a network that has no gradients."""
+    recordings: "Sequence[Recording]",
+    verdicts: "Sequence[Diagnosis]",
+) -> "dict[str, Evidence]":
+    """Return what the first verdicts rest on, by recording; nothing if a network has no gradients."""
     from swashtwin.diagnosis import explain
     from swashtwin.foundation import DataError
 
     if not classifier.network.has_gradients:
         print_note(
-            f"note: the page says no lines that speak for a verdict, since {classifier.network.name} has no gradients."
+            "note: the page shows no evidence for the verdicts: the network "
+            f"{classifier.network.name} has no gradients."
         )
         return {}
+
     pairs = [
-        pair
-        for pair in zip(recordings[:EXPLAINED], verdicts, strict=False)
-        if pair[1].label is not None
+        (recording, verdict)
+        for recording, verdict in zip(recordings[:MAX_EXPLAINED], verdicts, strict=False)
+        if verdict.label is not None
     ]
     evidence = {}
     for recording, verdict in iterate_with_progress(pairs, "collecting evidence"):
         try:
             evidence[verdict.recording_id] = explain(classifier, recording, verdict)
-        except DataError as cause:  # such as a file that is gone meanwhile; the verdicts stay
-            print_note(
-                f"note: the page says no lines that speak for the verdict on {verdict.recording_id}: {cause}"
-            )
+        except DataError as cause:
+            # Such as a file that was removed meanwhile; the verdicts remain valid.
+            print_note(f"note: the page shows no evidence for {verdict.recording_id}: {cause}")
     return evidence
 
 
-_HEADERS = {
-    "classifier": (
-        "recording",
-        "verdict",
-        "probability",
-        "share of windows that agree",
-        "could be",
-    ),
-    "detector": ("recording", "verdict", "p-value", "what moved"),
-    "prior": ("recording", "verdict", "probability"),
-}
+def _print_verdicts(verdicts: "Sequence[Diagnosis]") -> None:
+    header = _HEADERS[verdicts[0].kind]
+    rows = [_verdict_row(verdict) for verdict in verdicts]
+    print_table(plural(len(verdicts), "recording"), header, rows)
 
 
-def _row(verdict: "Diagnosis") -> tuple[object, ...]:
-    """A diagnosis in the columns of its kind; no class, share or alternative stands beside an
-    unknown one.
-    """
+def _verdict_row(verdict: "Diagnosis") -> tuple[object, ...]:
+    """Return a diagnosis in the columns of its kind; an unknown recording has no further values."""
     if verdict.kind == "detector":
         answer = {True: "ALARM", False: "no alarm", None: "no verdict"}[verdict.alarm]
-        return (
-            verdict.recording_id,
-            answer,
-            verdict.p_value,
-            verdict.largest_changes if verdict.alarm else "",
-        )
+        largest_changes = verdict.largest_changes if verdict.alarm else ""
+        return verdict.recording_id, answer, verdict.p_value, largest_changes
+
     if verdict.label is None or verdict.unknown:
-        return (
-            verdict.recording_id,
-            verdict.verdict,
-            *(None, "", "")[: len(_HEADERS[verdict.kind]) - 2],
-        )
-    row = (verdict.recording_id, format_label(verdict.label), verdict.probabilities[verdict.label])
+        n_empty = len(_HEADERS[verdict.kind]) - 2
+        return verdict.recording_id, verdict.verdict, *(None, "", "")[:n_empty]
+
+    probability = verdict.probabilities[verdict.label]
+    row = (verdict.recording_id, format_label(verdict.label), probability)
     if verdict.kind == "prior":
         return row
-    return *row, f"{verdict.agreement:.0%}", ", ".join(map(format_label, verdict.prediction_set))
+    prediction_set = ", ".join(map(format_label, verdict.prediction_set))
+    return *row, f"{verdict.agreement:.0%}", prediction_set
+
+
+def _print_notes(verdicts: "Sequence[Diagnosis]") -> None:
+    """Print why recordings are unknown or have no verdict, and the notes on each recording."""
+    sentences = {
+        verdict: verdict.sentence()
+        for verdict in verdicts
+        if verdict.label is None or verdict.unknown
+    }
+    # The recording's name precedes each line, so that it need not stand in the sentence too.
+    print_merged_notes(
+        [
+            (verdict.recording_id, text.replace(f": {verdict.recording_id} ", ": it ", 1))
+            for verdict, text in sentences.items()
+        ]
+    )
+
+    notes: list[tuple[str, str]] = []
+    for verdict in verdicts:
+        sentence = sentences.get(verdict, "")
+        notes += [(verdict.recording_id, text) for text in verdict.notes if text not in sentence]
+    print_merged_notes(notes)
 
 
 def report(
@@ -237,30 +245,33 @@ def report(
         list[Path], typer.Argument(metavar="FILE...", help="Calibrations and models.")
     ],
     out: Annotated[
-        Path, typer.Option(help="Folder for report.html with its data, or one .html file.")
+        Path,
+        typer.Option(
+            help="Report to write: a folder for report.html and its data, or one .html file."
+        ),
     ],
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write one page of saved calibrations and models.
+    """Write one report page on saved calibrations and models.
 
-    The page of a diagnosis comes from swashtwin diagnose --report.
+    For the page of a diagnosis, use swashtwin diagnose --report.
     """
     from swashtwin.calibration import load_calibration
     from swashtwin.diagnosis import load_model
     from swashtwin.foundation import InputError
 
     require_existing(sources)
-    if folders := [path for path in sources if path.is_dir()]:
-        raise InputError(
-            f"{folders[0]} is a folder; report takes files of calibrations and models."
-        )
+    for path in sources:
+        if path.is_dir():
+            raise InputError(f"{path} is a folder. Specify files of calibrations and models.")
     require_page(out, inputs=sources, force=force)
-    items: list[Any] = [
-        load_model(path) if path.suffix == ".safetensors" else load_calibration(path)
-        for path in sources
-    ]
-    page = write_page(out, *items, about={"File": ", ".join(path.name for path in sources)})
+
+    results: list[Any] = []
+    for path in sources:
+        is_model = path.suffix == ".safetensors"
+        results.append(load_model(path) if is_model else load_calibration(path))
+    page = write_page(out, *results, about={"File": ", ".join(path.name for path in sources)})
     print_result(
         {"report": page, "sources": sources}, as_json, lambda: print_text(f"Report: {page}")
     )

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,14 +20,6 @@ from swashtwin.cli.console import (
     print_text,
     progress,
 )
-from swashtwin.cli.files import (
-    Force,
-    by_options,
-    is_collection,
-    load_sources,
-    require_output,
-    single_file_options,
-)
 from swashtwin.cli.options import (
     GroupName,
     Index,
@@ -39,6 +31,8 @@ from swashtwin.cli.options import (
     read_pairs,
     reads_files,
 )
+from swashtwin.cli.outputs import Force, require_output
+from swashtwin.cli.sources import by_options, is_collection, load_sources, single_file_options
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -46,17 +40,21 @@ if TYPE_CHECKING:
     from swashtwin.recordings import Finding, InspectionReport
 
 
+_SUFFICIENCY = {"yes": "enough", "partly": "partly enough", "no": "not enough"}
+"""Whether the recordings suffice for a use, as it is printed."""
+
+
 @reads_files
 def index(
-    folder: Annotated[Path, typer.Argument(help="Folder of measurements; it is only read.")],
+    folder: Annotated[Path, typer.Argument(help="Folder of measurements. It is only read.")],
     reading: Reading,
     out: Annotated[
-        Path | None, typer.Option(help="Index file; recordings.toml in the folder by default.")
+        Path | None, typer.Option(help="Index file. Default: recordings.toml in the folder.")
     ] = None,
     label_pattern: Annotated[
         str | None,
         typer.Option(
-            help="Regular expression searched in each path; its named groups become facts."
+            help="Regular expression that is searched in each path. Its named groups become facts."
         ),
     ] = None,
     csv_table: Annotated[
@@ -67,29 +65,33 @@ def index(
         typer.Option(
             "--column",
             metavar="KEY=COLUMN",
-            help="Column of the table that holds a key; repeatable.",
+            help="Column of the table that holds a key of the index. Repeatable.",
         ),
     ] = None,
     include: Annotated[
-        list[str] | None, typer.Option(help="Pattern of paths to include; repeatable.")
+        list[str] | None, typer.Option(help="Pattern of paths to include. Repeatable.")
     ] = None,
     pressure_unit: Annotated[
         str | None,
-        typer.Option(help='Unit of pressures in names, tables and headers that have none: "bar".'),
+        typer.Option(
+            help='Unit of pressures without a unit in names, tables and headers, such as "bar".'
+        ),
     ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Propose an index of a folder's files, for you to check and correct.
+    """Propose an index of the recordings in a folder, for you to check and correct.
 
-    On a terminal you are asked for facts that neither the files nor the options state.
+    On a terminal you are asked for facts that neither the files nor the options specify.
     """
     from swashtwin.recordings import propose_index, save_index
 
     path = out or folder / "recordings.toml"
     require_output(path, suffixes=[".toml"], inputs=[csv_table], force=force)
-    ask = None if as_json or not sys.stdin.isatty() else _ask
-    with progress("reading files") if ask is None else nullcontext(), single_file_options():
+
+    # A progress bar would overwrite the questions.
+    is_interactive = not as_json and sys.stdin.isatty()
+    with nullcontext() if is_interactive else progress("reading files"), single_file_options():
         proposal = propose_index(
             folder,
             label_pattern=label_pattern,
@@ -98,17 +100,17 @@ def index(
             include=include or [],
             pressure_unit=pressure_unit,
             index_folder=path.parent,
-            ask=ask,
+            ask=_ask if is_interactive else None,
             **reading,
         )
     save_index(proposal.index, path)
-    entries = proposal.index["recording"]
-    result: dict[str, Any] = {
+
+    n_recordings = len(proposal.index["recording"])
+    classes = proposal.index.get("classes", [])
+    result = {
         "index": path,
-        "recordings": len(entries),
-        "classes": proposal.index.get("classes", []),
-    }
-    result |= {
+        "recordings": n_recordings,
+        "classes": classes,
         "fact_sources": list(proposal.facts),
         "skipped": list(proposal.skipped),
         "notes": list(proposal.notes),
@@ -116,13 +118,13 @@ def index(
 
     def show() -> None:
         for reason in proposal.skipped:
-            print_note(f"left out: {reason}")
-        for remark in proposal.notes:
-            print_note(f"note: {remark}")
-        for sentence in proposal.facts:
-            print_text(sentence)
-        classes = ", ".join(map(format_label, result["classes"])) or "classes that the files name"
-        print_text(f"{path}: {plural(len(entries), 'recording')} of {classes}")
+            print_note(f"excluded: {reason}")
+        for text in proposal.notes:
+            print_note(f"note: {text}")
+        for text in proposal.facts:
+            print_text(text)
+        class_names = ", ".join(map(format_label, classes)) or "the classes in the files"
+        print_text(f"{path}: {plural(n_recordings, 'recording')} of {class_names}")
         print_text(f"Check it, then: swashtwin inspect {path}")
 
     print_result(result, as_json, show)
@@ -139,18 +141,59 @@ def inspect(
     reading: Reading,
     as_json: Json = False,
 ) -> None:
-    """Look for what is wrong with recordings. Exit code 3 where a recording must not be used."""
+    """Search recordings for defects. The exit code is 3 if a recording must not be used."""
     from swashtwin.recordings import inspect_recordings
 
     with progress("inspecting recordings") as bar:
         unreadable: list[Finding] = []
         recordings = load_sources(paths, unreadable, **reading)
         report = inspect_recordings(recordings, unreadable=unreadable, progress=bar)
+
+    has_index = any(is_collection(path, {}) for path in paths)
     result = {**report.to_dict(), "has_errors": report.has_errors}
-    words = str if any(is_collection(path, {}) for path in paths) else by_options
-    print_result(result, as_json, lambda: _show_inspection(report, words))
+    print_result(
+        result, as_json, lambda: _print_inspection(report, str if has_index else by_options)
+    )
     if report.has_errors:
         raise typer.Exit(BAD_DATA)
+
+
+def _print_inspection(report: "InspectionReport", reword: Callable[[str], str]) -> None:
+    rows: list[tuple[object, ...]] = []
+    for recording in report.recordings:
+        rate = recording.sample_rate
+        for channel in recording.channels:
+            rows.append(
+                (
+                    recording.recording_id,
+                    format_label(recording.label),
+                    int(rate) if rate.is_integer() else rate,
+                    round(recording.duration, 3),
+                    channel.name,
+                    channel.minimum,
+                    channel.maximum,
+                    channel.rms,
+                    recording.unit,
+                )
+            )
+    header = (
+        "recording",
+        "class",
+        "rate [Hz]",
+        "length [s]",
+        "channel",
+        "minimum",
+        "maximum",
+        "rms",
+        "unit",
+    )
+    print_rows(plural(len(report.recordings), "recording"), header, rows)
+
+    findings = report.merged(by_kind=len(rows) > MAX_ROWS)
+    for severity, text in findings:
+        print_text(f"{severity}: {reword(text)}")
+    if not findings:
+        print_text("No defect detected.")
 
 
 def check(
@@ -158,10 +201,10 @@ def check(
     window: Window = 2048,
     as_json: Json = False,
 ) -> None:
-    """Say whether recordings are sound and enough, and for what.
+    """Check whether recordings are sound and sufficient, and for which uses.
 
-    Exit code 3 where a recording must not be used, 5 where the recordings are sound but too few to
-    train and to test.
+    The exit code is 3 if a recording must not be used, and 5 if the recordings are sound but too
+    few to train and test a classifier.
     """
     from swashtwin.learning import check_recordings
 
@@ -169,35 +212,74 @@ def check(
         unreadable: list[Finding] = []
         recordings = load_sources([source], unreadable)
         result = check_recordings(recordings, window=window, unreadable=unreadable, progress=bar)
-    print_result(result.to_dict(), as_json, lambda: _show_check(result))
+
+    print_result(result.to_dict(), as_json, lambda: _print_check(result))
     if not result.is_sound:
         raise typer.Exit(BAD_DATA)
     if not result.is_enough:
         raise typer.Exit(NOT_ENOUGH)
 
 
+def _print_check(result: "DataCheck") -> None:
+    print_text(result.answer)
+    _print_counts(result)
+    for use in result.uses:
+        print_text(f"{_SUFFICIENCY[use.state]}: {use.name}: {use.reason}")
+    for severity, text in result.inspection.merged(by_kind=True):
+        print_text(f"{severity}: {text}")
+    for label, condition in result.gaps:
+        print_text(f"warning: {format_label(label)} was not measured at {condition}.")
+    for text in result.notes:
+        print_text(f"note: {text}")
+
+
+def _print_counts(result: "DataCheck") -> None:
+    """Print the number of recordings by class and operating point."""
+    labels = list(dict.fromkeys(count.label for count in result.counts))
+    conditions = list(dict.fromkeys(count.condition for count in result.counts))
+    counts = {(count.label, count.condition): count for count in result.counts}
+
+    rows: list[tuple[object, ...]] = []
+    for label in labels:
+        cells = [counts.get((label, condition)) for condition in conditions]
+        numbers = [cell.recordings if cell else 0 for cell in cells]
+        machines: set[str] = set()
+        for cell in cells:
+            if cell:
+                machines.update(cell.specimens)
+        rows.append((format_label(label), *numbers, len(machines)))
+    if not rows:
+        return
+
+    columns = [
+        condition if condition != "-" else "operating point unknown" for condition in conditions
+    ]
+    print_table("Recordings by class and operating point", ("class", *columns, "machines"), rows)
+
+
 @reads_files
 def convert(
     paths: Sources,
-    out: Annotated[Path, typer.Option(help="Store to write, .h5; it appears when it is complete.")],
+    out: Annotated[Path, typer.Option(help="Store to write, .h5. It appears when it is complete.")],
     reading: Reading,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write recordings of any format to one chunked HDF5 store; they may be larger than memory."""
+    """Write recordings of any format to one HDF5 store; they may be larger than the memory."""
     from swashtwin.recordings import write_store
 
     require_output(out, inputs=paths, force=force)
     recordings = load_sources(paths, **reading)
     with progress("MB") as bar:
         write_store(recordings, out, progress=bar)
-    seconds, size = sum(recording.duration for recording in recordings), out.stat().st_size
-    result = {"store": out, "recordings": len(recordings), "seconds": seconds, "bytes": size}
+
+    duration = sum(recording.duration for recording in recordings)
+    size = out.stat().st_size
+    result = {"store": out, "recordings": len(recordings), "seconds": duration, "bytes": size}
 
     def show() -> None:
-        print_text(
-            f"{out}: {plural(len(recordings), 'recording')}, {seconds:.4g} s, {size / 1e6:.4g} MB"
-        )
+        count = plural(len(recordings), "recording")
+        print_text(f"{out}: {count}, {duration:.4g} s, {size / 1e6:.4g} MB")
         print_text(f"Next: swashtwin inspect {out}")
 
     print_result(result, as_json, show)
@@ -206,38 +288,41 @@ def convert(
 def split(
     source: Index,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for both files; that of the index by default.")
+        Path | None, typer.Option(help="Folder for both files. Default: the index's folder.")
     ] = None,
     test_fraction: Annotated[
-        float, typer.Option(help="Share to test on, above 0 and at most 0.5.")
+        float, typer.Option(help="Share of the recordings to test on, above 0 and at most 0.5.")
     ] = 0.2,
     group: GroupName = "recording",
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Split an index by recording into train.toml and test.toml, for a twin and a classifier alike.
+    """Split an index by recording into train.toml and test.toml.
 
-    Calibrating is training: calibrate, synthesize and train with train.toml, and evaluate with
-    test.toml.
+    Calibration is training too: use train.toml for calibrate, synthesize and train, and test.toml
+    for evaluate.
     """
-    from swashtwin.recordings import load_recordings, write_subset_index
+    from swashtwin.recordings import load_recordings, narrow_index
 
     folder = out or (source if source.is_dir() else source.parent)
     paths = {name: folder / f"{name}.toml" for name in ("train", "test")}
     require_output(*paths.values(), inputs=[source], force=force)
+
     recordings = load_recordings(source)
-    sides = dict(zip(paths, recordings.split(test_fraction, by=group, seed=seed), strict=True))
-    ids = {name: sorted(side.recording_ids) for name, side in sides.items()}
-    files = {
-        name: write_subset_index(source, recordings, ids[name], path)
-        for name, path in paths.items()
-    }
+    parts = recordings.split(test_fraction, by=group, seed=seed)
+    files: dict[str, Path] = {}
+    ids: dict[str, list[str]] = {}
+    for (name, path), part in zip(paths.items(), parts, strict=True):
+        ids[name] = sorted(part.recording_ids)
+        files[name] = narrow_index(source, recordings, ids[name], path)
+
     result = {
         "seed": seed,
         "group": group,
         **files,
-        **{f"{name}_recordings": ids[name] for name in ids},
+        "train_recordings": ids["train"],
+        "test_recordings": ids["test"],
     }
 
     def show() -> None:
@@ -245,64 +330,3 @@ def split(
             print_text(f"{file}: {plural(len(ids[name]), 'recording')}")
 
     print_result(result, as_json, show)
-
-
-_STATES = {"yes": "enough", "partly": "in part", "no": "not enough"}
-
-
-def _show_inspection(report: "InspectionReport", words: Callable[[str], str]) -> None:
-    rows = [
-        (item.recording_id, format_label(item.label),
-         int(item.sample_rate) if item.sample_rate.is_integer() else item.sample_rate, round(item.duration, 3),
-         channel.name, channel.minimum, channel.maximum, channel.rms, item.unit)
-        for item in report.recordings
-        for channel in item.channels
-    ]  # fmt: skip
-    header = (
-        "recording",
-        "class",
-        "rate [Hz]",
-        "length [s]",
-        "channel",
-        "least",
-        "greatest",
-        "rms",
-        "unit",
-    )
-    print_rows(plural(len(report.recordings), "recording"), header, rows)
-    sentences = report.merged(by_kind=len(rows) > MAX_ROWS)
-    for severity, text in sentences:
-        print_text(f"{severity}: {words(text)}")
-    if not sentences:
-        print_text("Nothing suspicious was found.")
-
-
-def _show_check(check: "DataCheck") -> None:
-    print_text(check.answer)
-    labels = list(dict.fromkeys(count.label for count in check.counts))
-    conditions = list(dict.fromkeys(count.condition for count in check.counts))
-    counts = {(count.label, count.condition): count for count in check.counts}
-    rows = []
-    for label in labels:
-        cells = [counts.get((label, condition)) for condition in conditions]
-        specimens = {name for cell in cells if cell for name in cell.specimens}
-        rows.append(
-            (
-                format_label(label),
-                *(cell.recordings if cell else 0 for cell in cells),
-                len(specimens),
-            )
-        )
-    if rows:
-        names = (
-            condition if condition != "-" else "condition not stated" for condition in conditions
-        )
-        print_table("Recordings by class and condition", ("class", *names, "specimens"), rows)
-    for use in check.uses:
-        print_text(f"{_STATES[use.state]}: {use.name}: {use.reason}")
-    for severity, text in check.inspection.merged(by_kind=True):
-        print_text(f"{severity}: {text}")
-    for label, condition in check.gaps:
-        print_text(f"warning: {format_label(label)} was not measured at {condition}.")
-    for text in check.notes:
-        print_text(f"note: {text}")

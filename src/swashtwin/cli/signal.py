@@ -19,8 +19,9 @@ from swashtwin.cli.console import (
     print_table,
     print_text,
 )
-from swashtwin.cli.files import FIGURE, Force, load_sources, require_output
 from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, read_list, reads_files
+from swashtwin.cli.outputs import FIGURE, Force, require_output
+from swashtwin.cli.sources import load_sources
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ def features(
     No ISO zone is printed (none is made for axial piston pumps): compare with the machine's own
     baseline by swashtwin signal trend.
     """
-    require_output(out, suffixes=[".csv"], inputs=source, own=[_TABLE], force=force)
+    require_output(out, suffixes=[".csv"], inputs=source, marks=[_TABLE], force=force)
     from swashtwin.recordings import source_files
 
     shaft = Shaft(tachometer, track)
@@ -470,6 +471,6 @@ def _kept(
 def _csv_beside(figure: Path, sources: list[Path], force: bool) -> Path:
     """The CSV file beside a figure; both are refused where they may not be written."""
     csv_file = figure.with_name(f"{figure.stem}-data.csv")
-    require_output(figure, suffixes=[".svg"], inputs=sources, own=[FIGURE], force=force)
+    require_output(figure, suffixes=[".svg"], inputs=sources, marks=[FIGURE], force=force)
     require_output(csv_file, inputs=sources, force=force or figure.exists())
     return csv_file

@@ -1,5 +1,6 @@
 """Commands that simulate: twin simulate and synthesize."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +16,6 @@ from swashtwin.cli.console import (
     progress,
     require_existing,
 )
-from swashtwin.cli.files import Force, artifact_marks, require_output
 from swashtwin.cli.options import (
     CalibrationFile,
     Json,
@@ -27,24 +27,26 @@ from swashtwin.cli.options import (
     Speed,
     fault_from,
 )
-from swashtwin.foundation import plural
+from swashtwin.cli.outputs import Force, artifact_marks, require_output
+from swashtwin.foundation import parse_quantity, plural
 
 if TYPE_CHECKING:
     from swashtwin.physics import Twin
     from swashtwin.recordings import Recording
     from swashtwin.synthesis import Fidelity
 
-_STREAMED = (".h5", ".hdf5")
-_MOST_IN_MEMORY = 4 * 10**9
-"""Bytes of a recording that is written to a file which cannot be streamed."""
-_SPARE = 1 << 15
-"""Space that a file takes beyond its samples, in samples, at most."""
+_STREAMED_SUFFIXES = (".h5", ".hdf5")
+"""Formats that are written block by block; the others require the whole recording in memory."""
+_MAX_SIZE_IN_MEMORY = 4 * 10**9
+"""Bytes of a recording in memory, so that it fits a computer of 8 GB with its copies."""
+_MAX_OVERHEAD = 1 << 15
+"""Upper bound of what a file holds beside its samples, counted in samples."""
 
 
 def simulate(
     out: Annotated[
         Path,
-        typer.Option(help="File to write: .h5, .mat, .wav, .csv or .tdms; with --count a folder."),
+        typer.Option(help="File to write: .h5, .mat, .wav, .csv or .tdms. With --count: a folder."),
     ],
     speed: Speed,
     pressure: Pressure,
@@ -52,59 +54,63 @@ def simulate(
     calibration: Annotated[
         Path | None,
         typer.Option(
-            help="Use the twin and the fault of this calibration, at the speed and pressure given."
+            help="Calibration whose twin and fault are used, at the given speed and pressure."
         ),
     ] = None,
     fault: OptionalFault = None,
     duration: Annotated[str, typer.Option(help="Duration of a recording.")] = "4 s",
     sample_rate: Annotated[str, typer.Option(help="Sample rate of each channel.")] = "25.6 kHz",
     count: Annotated[
-        int, typer.Option(min=1, help="Number of recordings; above 1 they go to the folder --out.")
+        int, typer.Option(min=1, help="Number of recordings; several are written to a folder.")
     ] = 1,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write what the accelerometers of a twin measure, as synthetic recordings.
+    """Simulate what the accelerometers of a pump measure, as synthetic recordings.
 
-    With --count, speed, pressure, temperature, interface values, a fault's severity and place, and
-    the shaft's phase are drawn for each recording, and the same command continues an interrupted
-    run.
+    With --count, each recording gets its own random speed, pressure, temperature, interface values,
+    severity and place of the fault, and shaft phase. The same command continues an interrupted run.
     """
     from swashtwin.calibration import load_calibration
-    from swashtwin.foundation import parse_quantity
     from swashtwin.physics import Twin
     from swashtwin.pump import SwashPlateDefect, load_pump, read_condition
-    from swashtwin.recordings import WRITABLE_SUFFIXES
+    from swashtwin.recordings import WRITABLE
 
     if count == 1:
-        require_output(
-            out, suffixes=WRITABLE_SUFFIXES, inputs=[calibration, Path(pump)], force=force
-        )
-    elif out.suffix in WRITABLE_SUFFIXES:
+        require_output(out, suffixes=WRITABLE, inputs=[calibration, Path(pump)], force=force)
+    elif out.suffix in WRITABLE:
         raise typer.BadParameter(
-            "names a file; more than one recording needs a folder.", param_hint="--out"
+            "is a file, but several recordings require a folder.", param_hint="--out"
         )
     require_existing([calibration])
-    seconds = parse_quantity(duration, "s", name="--duration")
+    duration_s = parse_quantity(duration, "s", name="--duration")
     defect = fault_from(fault or "normal")
     condition = read_condition(speed=speed, discharge_pressure=pressure)
+
     if calibration is None:
         twin = Twin(load_pump(pump), condition, defect)
     else:
         twin = load_calibration(calibration).twin.at(condition)
-        twin = twin if fault is None else twin.with_fault(defect)
+        if fault is not None:
+            twin = twin.with_fault(defect)
+
     notes = twin.notes()
     if isinstance(twin.fault, SwashPlateDefect) and fault is not None and "contact" not in fault:
-        depth = f"its depth of {twin.fault.depth * 1e3:.3g} mm"
-        notes = (
-            f"the slippers ride through the recess by contact={twin.fault.contact}, which suits {depth}.",
-            *notes,
+        law = (
+            f"the contact law of the recess is contact={twin.fault.contact}, which suits its depth "
+            f"of {twin.fault.depth * 1e3:.3g} mm."
         )
+        notes = (law, *notes)
     for text in notes:
         print_note(f"note: {text}")
+
     plan = _Plan(
-        twin, seconds, parse_quantity(sample_rate, "Hz", name="--sample-rate"), seed, notes
+        twin=twin,
+        duration=duration_s,
+        sample_rate=parse_quantity(sample_rate, "Hz", name="--sample-rate"),
+        seed=seed,
+        notes=notes,
     )
     if count == 1:
         _write_one(plan, out, as_json)
@@ -114,66 +120,78 @@ def simulate(
 
 @dataclass(frozen=True)
 class _Plan:
-    """What every recording of a run has in common."""
+    """What all recordings of a run have in common."""
 
     twin: "Twin"
     duration: float
+    """Duration of a recording [s]."""
     sample_rate: float
+    """Sample rate [Hz]."""
     seed: int
     notes: tuple[str, ...]
 
     @property
+    def n_samples(self) -> int:
+        """Samples of one channel."""
+        return round(self.duration * self.sample_rate)
+
+    @property
     def size(self) -> int:
-        """Bytes of one recording in a file."""
-        return (round(self.duration * self.sample_rate) + _SPARE) * len(self.twin.pump.channels) * 8
+        """Upper bound of one recording's size in a file [bytes]."""
+        n_channels = len(self.twin.pump.channels)
+        return (self.n_samples + _MAX_OVERHEAD) * n_channels * 8
 
 
 def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     from swashtwin.foundation import require_disk_space
     from swashtwin.recordings import join_blocks, write_blocks, write_recording
 
-    squares: list[Any] = []
-    counts: list[int] = []
+    is_streamed = out.suffix.lower() in _STREAMED_SUFFIXES
+    if not is_streamed and plan.size > _MAX_SIZE_IN_MEMORY:
+        raise typer.BadParameter(
+            f"requires {plan.size / 1e9:.3g} GB of memory in this format. Use .h5, which is "
+            "written block by block.",
+            param_hint="--out",
+        )
+
+    # The mean squares are summed while the blocks pass: a streamed recording is never whole.
+    square_sums: list[Any] = []
+    n_written = 0
 
     def blocks(bar: Any) -> "Iterator[Recording]":
+        nonlocal n_written
         for block in plan.twin.blocks(
             plan.duration, plan.sample_rate, phase=0.0, recording_id=out.stem
         ):
-            squares.append((block.signal**2).sum(axis=1))
-            counts.append(block.signal.shape[1])
-            bar(sum(counts), round(plan.duration * plan.sample_rate))
+            square_sums.append((block.signal**2).sum(axis=1))
+            n_written += block.signal.shape[1]
+            bar(n_written, plan.n_samples)
             yield block
 
-    streamed = out.suffix.lower() in _STREAMED
-    if not streamed and plan.size > _MOST_IN_MEMORY:
-        raise typer.BadParameter(
-            f"would hold {plan.size / 1e9:.3g} GB in memory; .h5 is written block by block.",
-            param_hint="--out",
-        )
     with progress("simulating") as bar:
-        if streamed:
+        if is_streamed:
             out.parent.mkdir(parents=True, exist_ok=True)
             require_disk_space(out.parent, 1, plan.size)
             recording = write_blocks(blocks(bar), out)
         else:
             recording = join_blocks(blocks(bar))
-    if not streamed:
-        write_recording(recording, out)
-    values = [float(value) for value in (sum(squares) / sum(counts)) ** 0.5]
-    rms = dict(zip(recording.channels, values, strict=True))
-    result: dict[str, Any] = {
+            write_recording(recording, out)
+
+    rms_values = [float(value) for value in (sum(square_sums) / n_written) ** 0.5]
+    rms = dict(zip(recording.channels, rms_values, strict=True))
+    result = {
         "recording": out,
         "label": recording.label,
-        "duration_s": sum(counts) / plan.sample_rate,
+        "duration_s": n_written / plan.sample_rate,
+        "sample_rate_hz": plan.sample_rate,
+        "rms_m_s2": rms,
+        "notes": plan.notes,
     }
-    result |= {"sample_rate_hz": plan.sample_rate, "rms_m_s2": rms, "notes": plan.notes}
-    print_result(
-        result,
-        as_json,
-        lambda: print_table(
-            f"{out}: {recording.label}", ("channel", "rms [m/s^2]"), list(rms.items())
-        ),
-    )
+
+    def show() -> None:
+        print_table(f"{out}: {recording.label}", ("channel", "rms [m/s^2]"), list(rms.items()))
+
+    print_result(result, as_json, show)
 
 
 def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
@@ -183,130 +201,159 @@ def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
     from swashtwin.synthesis import Variation, draw_twin
 
     variation = Variation()
-    settings = {  # all that the recordings depend on, but for their count
-        "twin": twin_to_dict(plan.twin), "duration_s": plan.duration, "sample_rate_hz": plan.sample_rate,
-        "variation": asdict(variation), "seed": plan.seed,
-    }  # fmt: skip
+
+    # All that a recording depends on but its number: a run continues only with equal settings.
+    settings = {
+        "twin": twin_to_dict(plan.twin),
+        "duration_s": plan.duration,
+        "sample_rate_hz": plan.sample_rate,
+        "variation": asdict(variation),
+        "seed": plan.seed,
+    }
 
     def blocks_of(number: int) -> "Iterator[Recording]":
         twin = draw_twin(plan.twin, variation, plan.seed, number)
-        phase = random_stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
+        phase = random_stream(plan.seed, "phase", number).uniform(0, 2 * math.pi)
         return twin.blocks(plan.duration, plan.sample_rate, phase=phase, recording_id=folder.name)
 
     with progress("simulating") as bar:
-        index, new = write_series(
+        index, new_files = write_series(
             folder, count, blocks_of, settings=settings, bytes_each=plan.size, progress=bar
         )
     result = {
         "index": index,
         "recordings": count,
-        "new": new,
+        "new": new_files,
         "label": plan.twin.label,
         "seed": plan.seed,
+        "duration_s": plan.duration,
+        "sample_rate_hz": plan.sample_rate,
+        "notes": plan.notes,
     }
-    result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate, "notes": plan.notes}
-    print_result(
-        result,
-        as_json,
-        lambda: print_text(
-            f"{index}: {plural(count, 'recording')} of {plan.twin.label}, {len(new)} new"
-        ),
-    )
+
+    def show() -> None:
+        count_text = plural(count, "recording")
+        print_text(f"{index}: {count_text} of {plan.twin.label}, {len(new_files)} new")
+
+    print_result(result, as_json, show)
 
 
 def synthesize(
     calibration: CalibrationFile,
     like: Annotated[
-        Path, typer.Option(help="Index of the training recordings: layout, classes, noise.")
+        Path,
+        typer.Option(
+            help="Index of the training recordings, which define layout, classes and noise."
+        ),
     ],
     count: Annotated[int, typer.Option(min=1, help="Number of windows.")],
     out: Annotated[Path, typer.Option(help="File of windows to write, for train --add.")],
     fault: OptionalFault = None,
     speed: Annotated[
-        str | None, typer.Option(help='Another speed for the twin, such as "1500 rpm".')
+        str | None,
+        typer.Option(help='Speed of the twin, such as "1500 rpm". Default: the calibration\'s.'),
     ] = None,
     pressure: Annotated[
         str | None,
-        typer.Option(help='Another absolute discharge pressure for the twin, such as "10 MPa".'),
+        typer.Option(
+            help='Absolute discharge pressure of the twin, such as "10 MPa". Default: the '
+            "calibration's."
+        ),
     ] = None,
     window: OptionalWindow = None,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Make synthetic windows of one class with a calibrated twin, also of a fault that it was not
-    calibrated on.
+    """Simulate windows of one class with a calibrated twin, to train a classifier.
 
-    The values of each window are drawn from the posterior. Its noise is that of the recordings of
-    --like, which are training data from then on: give train.toml of a split. Where --like has
-    measured windows of the class, the answer says how well they are told from the synthetic ones
-    (AUROC, 0.5 is not at all), and by which features.
+    The class may be a fault that the twin was not calibrated on. The interface values of each
+    window are drawn from the posterior, and its noise from the recordings of --like. These become
+    training data: specify train.toml of a split. If --like has measured windows of the class, the
+    AUROC of separating them from the synthetic windows is printed (0.5 = indistinguishable), with
+    the features that separate them.
     """
     import swashtwin.synthesis as synthesis
     from swashtwin.calibration import load_calibration
-    from swashtwin.foundation import parse_quantity, plural
     from swashtwin.learning import save_windows
     from swashtwin.recordings import load_recordings
 
     require_existing([calibration, like])
-    require_output(out, inputs=[calibration, like], own=artifact_marks("window set"), force=force)
-    result = load_calibration(calibration)
-    calibrated = result.twin.fault if result.law is None else result.law.fault
+    require_output(out, inputs=[calibration, like], marks=artifact_marks("window set"), force=force)
+    calibrated = load_calibration(calibration)
+    if fault is not None:
+        synthetic_fault = fault_from(fault)
+    elif calibrated.law is not None:
+        synthetic_fault = calibrated.law.fault
+    else:
+        synthetic_fault = calibrated.twin.fault
+    new_speed = None if speed is None else parse_quantity(speed, "rad/s", name="--speed")
+    new_pressure = None if pressure is None else parse_quantity(pressure, "Pa", name="--pressure")
+
     with progress("synthesizing"):
         windows = synthesis.synthesize(
-            result,
-            calibrated if fault is None else fault_from(fault),
+            calibrated,
+            synthetic_fault,
             count=count,
             like=load_recordings(like),
             seed=seed,
-            speed=None if speed is None else parse_quantity(speed, "rad/s", name="--speed"),
-            pressure=None
-            if pressure is None
-            else parse_quantity(pressure, "Pa", name="--pressure"),
+            speed=new_speed,
+            pressure=new_pressure,
             window=window,
         )
+        # Measured while the progress is shown, for it takes as long as the windows.
         fidelity = windows.fidelity
-    label = str(windows.label[0])
+
     save_windows(windows, out)
-    answer = {
-        "windows": out, "label": label, "count": len(windows), "length": windows.length,
-        "manifest": list(windows.manifest), "classes": windows.classes, "seed": seed,
-        "notes": windows.notes, "fidelity": None if fidelity is None else fidelity.to_dict(),
-    }  # fmt: skip
+    label = str(windows.label[0])
+    result = {
+        "windows": out,
+        "label": label,
+        "count": len(windows),
+        "length": windows.length,
+        "manifest": list(windows.manifest),
+        "classes": windows.classes,
+        "seed": seed,
+        "notes": windows.notes,
+        "fidelity": None if fidelity is None else fidelity.to_dict(),
+    }
 
     def show() -> None:
         for text in windows.notes:
             print_note(f"note: {text}")
         print_text(f"{out}: {plural(len(windows), 'window')} of {label}")
-        show_fidelity(fidelity, label)
+        print_fidelity(fidelity, label)
         print_text(
             f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors"
         )
 
-    print_result(answer, as_json, show)
+    print_result(result, as_json, show)
 
 
-def show_fidelity(fidelity: "Fidelity | None", label: str) -> None:
-    """Print how well synthetic windows are told from measured ones, and by what."""
-    from swashtwin.foundation import plural
-
+def print_fidelity(fidelity: "Fidelity | None", label: str) -> None:
+    """Print how well a classifier separates synthetic from measured windows, and by what."""
     if fidelity is None:
-        print_text(f"fidelity: not known, for --like has no measured window of {label}")
+        print_text(f"Fidelity unknown: --like has no measured window of {label}.")
         return
-    at = ", ".join(f"{pressure / 1e6:.4g}" for pressure in fidelity.pressures)
-    measured = f"{plural(fidelity.n_measured, 'measured window')} of {plural(fidelity.n_recordings, 'recording')}"
-    measured += f" at {at} MPa" if at else ""
+
+    windows = plural(fidelity.n_measured, "measured window")
+    measured = f"{windows} of {plural(fidelity.n_recordings, 'recording')}"
+    if fidelity.pressures:
+        pressures = ", ".join(f"{pressure / 1e6:.4g}" for pressure in fidelity.pressures)
+        measured += f" at {pressures} MPa"
     if fidelity.auroc is None:
-        print_text(f"fidelity: {measured}; the AUROC takes two recordings of each")
+        print_text(f"Fidelity unknown: {measured}. The AUROC requires two recordings of each.")
     else:
         print_text(
-            f"fidelity: AUROC {fidelity.auroc:.2f} of telling them from {measured}; 0.5 is not at all"
+            f"Fidelity: AUROC {fidelity.auroc:.2f} for separating synthetic windows from "
+            f"{measured} (0.5 = indistinguishable)"
         )
+
     if fidelity.causes_db:
         parts = ", ".join(f"{name} {value:.1f}" for name, value in fidelity.causes_db.items())
-        print_text(f"apart by cause [dB]: {parts}")
+        print_text(f"Differences by cause [dB]: {parts}")
     print_table(
-        "Features that tell them most",
+        "Features that separate them best",
         ("feature", "AUROC alone", "shift [std of measured]"),
         [
             (feature.name, f"{feature.auroc:.2f}", f"{feature.shift:+.1f}")

@@ -1,5 +1,6 @@
-"""Commands that make and test a classifier: train, evaluate, model export."""
+"""The command that trains a model: train."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +15,6 @@ from swashtwin.cli.console import (
     progress,
     require_existing,
 )
-from swashtwin.cli.files import Force, artifact_marks, require_output
 from swashtwin.cli.options import (
     GroupName,
     Index,
@@ -27,15 +27,19 @@ from swashtwin.cli.options import (
     read_pairs,
     read_settings,
 )
+from swashtwin.cli.outputs import Force, artifact_marks, require_output
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
-    from swashtwin.learning import FittedClassifier
+    from swashtwin.learning import Choice, Confidence, FittedClassifier, WindowSet
+    from swashtwin.recordings import Recordings
 
-_MODELS = artifact_marks("classifier", "anomaly detector")
-_TEST_FRACTION = 0.2
-"""Share held out by default."""
+_MODEL_MARKS = artifact_marks("classifier", "anomaly detector")
+DEFAULT_TEST_FRACTION = 0.2
+"""Share of the recordings that is held out for ``evaluate``, the usual split of 80 to 20."""
+DEFAULT_ERROR_RATE = 0.1
+"""Error rate of prediction sets if the recordings allow it."""
 
 
 def train(
@@ -43,12 +47,14 @@ def train(
     out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("model.safetensors"),
     add: Annotated[
         list[Path] | None,
-        typer.Option(help="Synthetic windows (swashtwin synthesize); repeatable."),
+        typer.Option(help="Synthetic windows written by swashtwin synthesize. Repeatable."),
     ] = None,
     test_fraction: Annotated[
         float | None,
         typer.Option(
-            min=0, max=0.5, help="Share held out for evaluate; 0.2 by default, 0 trains on all."
+            min=0,
+            max=0.5,
+            help="Share of the recordings held out for evaluate. Default: 0.2; 0 trains on all.",
         ),
     ] = None,
     validation_fraction: Annotated[
@@ -56,16 +62,16 @@ def train(
         typer.Option(
             min=0,
             max=0.5,
-            help="Share of the rest that is held out to calibrate the model's confidence, by --group; with 0 the "
-            "trials calibrate it, and with --network nothing does.",
+            help="Share of the remaining recordings held out to calibrate the confidence, split by "
+            "--group. With 0, cross-validation calibrates it, or nothing if --network is given.",
         ),
     ] = 0.0,
     error_rate: Annotated[
         float | None,
         typer.Option(
-            help="Share of recordings whose prediction set may be wrong, or that are wrongly unknown; 0.1 by default, "
-            "or the least that the recordings allow. Of healthy recordings alone: the false-alarm rate, "
-            "0.05 by default."
+            help="Target miscoverage of the prediction sets, and false alarms of unknown. Default: "
+            "0.1, or the minimum that the recordings allow. If all recordings are healthy: "
+            "false-alarm rate, default 0.05."
         ),
     ] = None,
     group: GroupName = "recording",
@@ -73,8 +79,8 @@ def train(
     network: Annotated[
         str | None,
         typer.Option(
-            help="Train this network, such as the paper's bitcn, instead of choosing by trials. Interrupted, it "
-            "goes on when the same command is given again."
+            help="Network to train, such as the paper's bitcn, instead of selecting a model by "
+            "cross-validation. The same command continues an interrupted training."
         ),
     ] = None,
     settings: Annotated[
@@ -82,23 +88,24 @@ def train(
         typer.Option(
             "--set",
             metavar="NAME=VALUE",
-            help="Any setting of a named network or its training: epochs=60, noise_snr=5, hidden=256,128, device=cuda; "
-            "repeatable.",
+            help="Setting of the --network or of its training: epochs=60, noise_snr=5, "
+            "hidden=256,128, device=cuda. Repeatable.",
         ),
     ] = None,
     fault_of: Annotated[
         list[str] | None,
         typer.Option(
             metavar="CLASS=FAULT",
-            help='Fault that a class is, whose synthetic windows join it: "Kolbenverschleiss=piston"; repeatable, and '
-            "beside what the index states as fault_of.",
+            help='Fault of the twin that a class stands for: "Kolbenverschleiss=piston". Synthetic '
+            "windows of the fault join the class. Adds to fault_of of the index. Repeatable.",
         ),
     ] = None,
     prior: Annotated[
         str | None,
         typer.Option(
-            help="Pump prior, a file or a shipped design (25scy14-1b): recordings that it takes for a fault that was "
-            "never trained are unknown, and the answer names what they resemble."
+            help="Pump prior, as a file or a shipped design (25scy14-1b). A recording that the "
+            "prior takes for a fault that was not trained is reported as unknown, with the fault "
+            "that it resembles."
         ),
     ] = None,
     preset: PresetName = Preset.recommended,
@@ -106,123 +113,181 @@ def train(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Train a classifier on an index's windows; whole recordings are held out, which evaluate then
-    tests on.
+    """Train a classifier on the recordings of an index.
 
-    Where all recordings are healthy, it makes an anomaly detector with a stated false-alarm rate.
+    Whole recordings are held out, on which evaluate then tests the model. If all recordings are
+    healthy, an anomaly detector with a given false-alarm rate is trained instead.
     """
-    is_chosen = network is None and preset is Preset.recommended
-    if is_chosen and settings:
+    is_selected_by_trials = network is None and preset is Preset.recommended
+    if is_selected_by_trials and settings:
         raise typer.BadParameter(
-            "belongs to a network; name it with --network, such as bitcn.", param_hint="--set"
+            "applies to a network. Name the network with --network, such as bitcn.",
+            param_hint="--set",
         )
-    from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
+
+    from swashtwin.diagnosis import FaultClassifier
     from swashtwin.learning import load_windows
     from swashtwin.pump import is_healthy
-    from swashtwin.recordings import (
-        declared_classes,
-        declared_faults,
-        healthy_class_findings,
-        load_recordings,
-    )
+    from swashtwin.recordings import declared_faults, healthy_class_findings, load_recordings
 
-    require_output(out, inputs=[source, *(add or ())], own=_MODELS, force=force)
-    require_existing(add or [])
-    recipe = {} if is_chosen else _recipe(network, settings, preset, window)
-    added = [load_windows(path) for path in add or ()]
+    synthetic_files = add or []
+    require_output(out, inputs=[source, *synthetic_files], marks=_MODEL_MARKS, force=force)
+    require_existing(synthetic_files)
+    recipe = {} if is_selected_by_trials else _recipe(network, settings, preset, window)
+    synthetic = [load_windows(path) for path in synthetic_files]
     recordings = load_recordings(source)
-    if not added and recordings and all(map(is_healthy, recordings.labels)):
-        classifier_options = {
-            "--test-fraction": test_fraction, "--validation-fraction": validation_fraction, "--network": network,
-            "--set": settings, "--window": window,
-            "--prior": prior, "--preset": preset is Preset.paper, "--group": group != "recording",
-        }  # fmt: skip
-        for name, value in classifier_options.items():
-            if value:
-                raise typer.BadParameter(
-                    f"belongs to a classifier, and every recording of {source} is healthy, so train makes an anomaly "
-                    "detector from all of them; leave it out, or add recordings of a fault.",
-                    param_hint=name,
-                )
-        with progress("measuring levels") as bar:
-            detector = AnomalyDetector(error_rate=error_rate).fit(recordings, progress=bar)
-        detector.save(out)
-        _tell_detector(detector, out, as_json)
+
+    if not synthetic and recordings and all(map(is_healthy, recordings.labels)):
+        _require_no_classifier_option(
+            source,
+            {
+                "--test-fraction": test_fraction,
+                "--validation-fraction": validation_fraction,
+                "--network": network,
+                "--set": settings,
+                "--window": window,
+                "--prior": prior,
+                "--preset": preset is Preset.paper,
+                "--group": group != "recording",
+            },
+        )
+        _train_detector(recordings, error_rate, out, as_json)
         return
-    declared = {
-        name: fault for name, fault in declared_faults(source).items() if name in recordings.labels
-    }
+
     for finding in healthy_class_findings(recordings.labels):
         print_note(f"note: {finding.message}")
+    declared_fault_of = {
+        name: fault for name, fault in declared_faults(source).items() if name in recordings.labels
+    }
     classifier = FaultClassifier(
         **recipe,
         window=window,
-        test_fraction=_TEST_FRACTION if test_fraction is None else test_fraction,
+        test_fraction=DEFAULT_TEST_FRACTION if test_fraction is None else test_fraction,
         validation_fraction=validation_fraction,
         group=group,
         error_rate=error_rate,
-        fault_of=declared | read_pairs(fault_of, "--fault-of"),
+        fault_of=declared_fault_of | read_pairs(fault_of, "--fault-of"),
         prior=prior,
         seed=seed,
     )
-    checkpoint = None if is_chosen else out.with_name(f"{out.stem}.checkpoint.safetensors")
+    keeps_checkpoint = not is_selected_by_trials
+    _fit_classifier(classifier, recordings, synthetic, source, out, keeps_checkpoint)
+
+    for text in classifier.notes_:
+        print_note(f"note: {text}")
+    _print_training(classifier, source, out, seed, as_json)
+
+
+def _fit_classifier(
+    classifier: "FaultClassifier",
+    recordings: "Recordings",
+    synthetic: "Sequence[WindowSet]",
+    source: Path,
+    out: Path,
+    keeps_checkpoint: bool,
+) -> None:
+    """Fit and save a classifier; an interrupted fit of a named network continues."""
+    from swashtwin.recordings import declared_classes
+
+    checkpoint = out.with_name(f"{out.stem}.checkpoint.safetensors") if keeps_checkpoint else None
     with progress("training") as bar:
         classifier.fit(
             recordings,
-            synthetic=added,
-            classes=None if added else declared_classes(source),
+            synthetic=synthetic,
+            # With synthetic windows, the classes include those that no recording has.
+            classes=None if synthetic else declared_classes(source),
             checkpoint=checkpoint,
             resume=checkpoint is not None,
-            progress=lambda activity, finished, total: bar(finished, total, activity),
+            progress=lambda activity, count, total: bar(count, total, activity),
         )
+
     classifier.save(out)
     if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
-    for text in classifier.notes_:
-        print_note(f"note: {text}")
-    _tell_training(classifier, source, out, seed, as_json)
 
 
 def _recipe(
     network: str | None, texts: list[str] | None, preset: Preset, window: int | None
 ) -> dict[str, Any]:
+    """Return the parameters of a `FaultClassifier` that trains a named network.
+
+    The network is built once, so that an invalid setting is reported before any work.
+    """
     from swashtwin import presets
     from swashtwin.diagnosis import FaultClassifier
     from swashtwin.learning import build_network, default_settings, network_class
 
     recipe = presets.paper if preset is Preset.paper else presets.recommended
     name = network or str(recipe.classifier["network"])
-    shape_defaults = default_settings(network_class(name))
-    defaults = {**shape_defaults, **defaults_of(recipe.training), "device": "cpu"}
-    chosen = read_settings(texts, defaults, f"training a {name}")
-    device = chosen.pop("device", "cpu")
-    shape = {setting: value for setting, value in chosen.items() if setting in shape_defaults}
-    build_network(name, 2, 2, length=window or 2048, **shape)
-    training = replace(
-        recipe.training, **{key: chosen[key] for key in chosen if key not in shape_defaults}
-    )
-    names = defaults_of(training).keys() & FaultClassifier().get_params().keys()
-    parameters = {key: getattr(training, key) for key in names}
-    other = {
-        key: chosen[key] for key in chosen if key not in shape_defaults and key not in parameters
+    network_defaults = default_settings(network_class(name))
+    allowed = {**network_defaults, **defaults_of(recipe.training), "device": "cpu"}
+
+    settings = read_settings(texts, allowed, f"training a {name}")
+    device = settings.pop("device", "cpu")
+    network_settings = {key: value for key, value in settings.items() if key in network_defaults}
+    training_settings = {
+        key: value for key, value in settings.items() if key not in network_defaults
     }
-    settings = {"training_settings": other or None, "network_settings": shape or None}
-    return {"network": name, "device": device, **parameters, **settings}
+    build_network(name, 2, 2, length=window or 2048, **network_settings)
+
+    # Some training settings are parameters of the classifier itself.
+    training = replace(recipe.training, **training_settings)
+    shared_names = defaults_of(training).keys() & FaultClassifier().get_params().keys()
+    parameters = {key: getattr(training, key) for key in shared_names}
+    further_settings = {
+        key: value for key, value in training_settings.items() if key not in parameters
+    }
+    return {
+        "network": name,
+        "device": device,
+        **parameters,
+        "training_settings": further_settings or None,
+        "network_settings": network_settings or None,
+    }
 
 
-def _tell_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> None:
-    healthy, n_levels = detector.fitted_, len(detector.layout.band_powers)
+def _require_no_classifier_option(source: Path, options: dict[str, Any]) -> None:
+    """Raise an error if an option of a classifier is given for healthy recordings only."""
+    for name, value in options.items():
+        if value:
+            raise typer.BadParameter(
+                f"applies to a classifier, but all recordings of {source} are healthy, so that an "
+                "anomaly detector is trained on all of them. Omit the option, or add recordings of "
+                "a fault.",
+                param_hint=name,
+            )
+
+
+def _train_detector(
+    recordings: "Recordings", error_rate: float | None, out: Path, as_json: bool
+) -> None:
+    from swashtwin.diagnosis import AnomalyDetector
+
+    with progress("measuring band powers") as bar:
+        detector = AnomalyDetector(error_rate=error_rate).fit(recordings, progress=bar)
+    detector.save(out)
+    _print_detector(detector, out, as_json)
+
+
+def _print_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> None:
+    healthy = detector.fitted_
+    n_levels = len(detector.layout.levels)
     result = {
-        "model": out, "kind": "anomaly detector", "recordings": sorted(detector.manifest),
-        "operating_points": len(healthy.points), "band_powers": n_levels, "error_rate": detector.error_rate_,
+        "model": out,
+        "kind": "anomaly detector",
+        "recordings": sorted(detector.manifest),
+        "operating_points": len(healthy.points),
+        "levels": n_levels,
+        "error_rate": detector.error_rate_,
         "notes": detector.notes_,
-    }  # fmt: skip
+    }
 
     def show() -> None:
         print_text(
-            f"{out}: anomaly detector from {plural(healthy.n_recordings, 'healthy recording')} at "
-            f"{plural(len(healthy.points), 'operating point')}, {n_levels} levels, false-alarm rate "
-            f"{detector.error_rate_:g}"
+            f"{out}: anomaly detector trained on "
+            f"{plural(healthy.n_recordings, 'healthy recording')} at "
+            f"{plural(len(healthy.points), 'operating point')}, {n_levels} band powers, "
+            f"false-alarm rate {detector.error_rate_:g}"
         )
         for text in detector.notes_:
             print_note(f"note: {text}")
@@ -231,74 +296,95 @@ def _tell_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> Non
     print_result(result, as_json, show)
 
 
-def _tell_training(
-    trained: "FaultClassifier", source: Path, out: Path, seed: int, as_json: bool
+def _print_training(
+    classifier: "FaultClassifier", source: Path, out: Path, seed: int, as_json: bool
 ) -> None:
-    fitted, test_ids = trained.fitted_, trained.held_out_
-    last, confidence = fitted.history[-1], fitted.confidence
+    fitted = classifier.fitted_
+    final_epoch = fitted.history[-1]
+    confidence = fitted.confidence
+    held_out_ids = classifier.held_out_
     result = {
-        "model": out, "classes": fitted.classes, "windows": trained.n_windows_,
-        "synthetic_windows": trained.n_synthetic_, "held_out": test_ids, "epochs": last.number,
-        "loss": last.loss, "accuracy": last.accuracy, "seed": seed, "validation": trained.validation_,
+        "model": out,
+        "classes": fitted.classes,
+        "windows": classifier.n_windows_,
+        "synthetic_windows": classifier.n_synthetic_,
+        "held_out": held_out_ids,
+        "epochs": final_epoch.number,
+        "loss": final_epoch.loss,
+        "accuracy": final_epoch.accuracy,
+        "seed": seed,
+        "validation": classifier.validation_,
         "temperature": None if confidence is None else confidence.temperature,
         "dependence": None if confidence is None else confidence.dependence,
         "choice": None if fitted.choice is None else fitted.choice.to_dict(),
-    }  # fmt: skip
+    }
 
     def show() -> None:
         print_text(
-            f"{out}: {plural(trained.n_windows_, 'window')} of {len(fitted.classes)} classes, loss {last.loss:.4f}"
+            f"{out}: trained on {plural(classifier.n_windows_, 'window')} of "
+            f"{len(fitted.classes)} classes, loss {final_epoch.loss:.4f}"
         )
-        if (choice := fitted.choice) is not None:
-            rows = [
-                (
-                    trial.candidate,
-                    trial.clean,
-                    trial.disturbed,
-                    "chosen" if trial.candidate == choice.candidate else "",
-                )
-                for trial in choice.trials
-            ] + [
-                (f"whole recordings: {name}", recall, None, "")
-                for name, recall in choice.head_recalls.items()
-            ]
-            if rows:
-                folds = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"
-                print_table(
-                    f"Candidates: {folds}", ("candidate", "clean", "noise, gain, speed", ""), rows
-                )
-            print_text(choice.sentence())
-        if confidence is None:
-            print_note(f"note: its confidence is not calibrated; {confidence_advice(fitted)}.")
+        if fitted.choice is not None:
+            _print_choice(fitted.choice)
+        _print_confidence(confidence, fitted)
+        if held_out_ids:
+            count = plural(len(held_out_ids), "held-out recording")
+            print_text(f"Next, test it on {count}: swashtwin evaluate {out} {source}")
         else:
-            learned = f"temperature {confidence.temperature:.3g}, dependence of windows {confidence.dependence:.2g}"
-            print_text(
-                f"Confidence from {confidence.basis}: {learned}, error rate {confidence.error_rate:g}"
+            print_note(
+                "note: no recording was held out. Evaluate the model on an index of other "
+                "recordings."
             )
-        if test_ids:
-            print_text(
-                f"Next, on {plural(len(test_ids), 'recording')} held out: swashtwin evaluate {out} {source}"
-            )
-        else:
-            print_note("note: nothing was held out; evaluate it on an index of other recordings.")
 
     print_result(result, as_json, show)
 
 
+def _print_choice(choice: "Choice") -> None:
+    """Print the candidates that were compared by cross-validation, and which one was selected."""
+    rows: list[tuple[object, ...]] = []
+    for trial in choice.trials:
+        mark = "selected" if trial.candidate == choice.chosen else ""
+        rows.append((trial.candidate, trial.clean, trial.disturbed, mark))
+    for name, recall in choice.whole.items():
+        rows.append((f"whole recordings: {name}", recall, None, ""))
+
+    if rows:
+        print_table(
+            f"Candidates: recall on held-out {choice.group}s, {plural(choice.n_folds, 'fold')}",
+            ("candidate", "undisturbed", "with noise, gain, speed", ""),
+            rows,
+        )
+    print_text(choice.sentence())
+
+
+def _print_confidence(confidence: "Confidence | None", fitted: "FittedClassifier") -> None:
+    if confidence is None:
+        print_note(f"note: its confidence is not calibrated; {confidence_advice(fitted)}.")
+        return
+    print_text(
+        f"Confidence calibrated on {confidence.basis}: temperature {confidence.temperature:.3g}, "
+        f"dependence between windows {confidence.dependence:.2g}, error rate "
+        f"{confidence.error_rate:g}"
+    )
+
+
 def confidence_advice(fitted: "FittedClassifier") -> str:
-    """How to calibrate the confidence of a training."""
+    """Return what a training needs to calibrate its confidence."""
     from swashtwin.learning import allowed_error_rate, validation_share
 
     if fitted.choice is not None:
-        return f"that takes a trial: {fitted.choice.reason or 'no class has two recordings to compare'}"
+        reason = fitted.choice.reason or "no class has two recordings to compare"
+        return f"cross-validation was not possible: {reason}"
+
     n_recordings = len(fitted.manifest)
-    share, count = validation_share(n_recordings)
-    if count < 2:
-        return f"that takes more recordings than the {n_recordings} it was trained on"
-    allowed = allowed_error_rate(count, 0.1)
-    rate = "" if allowed == 0.1 else f" --error-rate {allowed:g}"
+    share, n_validation = validation_share(n_recordings)
+    if n_validation < 2:
+        return f"this requires more recordings than the {n_recordings} it was trained on"
+
+    error_rate = allowed_error_rate(n_validation, DEFAULT_ERROR_RATE)
+    option = "" if error_rate == DEFAULT_ERROR_RATE else f" --error-rate {error_rate:g}"
     return (
-        "train without --network calibrates it on the recordings it trains on; "
-        f"--validation-fraction {share:g}{rate} holds back about {count} of the "
+        "training without --network calibrates it on the training recordings; "
+        f"--validation-fraction {share:g}{option} holds back about {n_validation} of the "
         f"{plural(n_recordings, 'recording')} for it"
     )

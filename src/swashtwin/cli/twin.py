@@ -18,7 +18,6 @@ from swashtwin.cli.console import (
     print_text,
     progress,
 )
-from swashtwin.cli.files import require_folder
 from swashtwin.cli.options import (
     CalibrationFile,
     Index,
@@ -29,6 +28,7 @@ from swashtwin.cli.options import (
     split_names,
     without_none,
 )
+from swashtwin.cli.outputs import require_folder
 from swashtwin.foundation import parse_quantity, plural
 
 if TYPE_CHECKING:

@@ -1,8 +1,8 @@
-"""Commands of pages: the watch, its history in other programs, and the explorer."""
+"""Commands that serve a page: the watch with its history, and the explorer."""
 
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,21 +17,32 @@ from swashtwin.cli.console import (
     print_text,
     require_existing,
 )
-from swashtwin.cli.files import Force, require_folder, require_output
 from swashtwin.cli.options import Json
+from swashtwin.cli.outputs import Force, require_folder, require_output
 
 if TYPE_CHECKING:
     from swashtwin.monitoring import Outcome
 
-_CONFIG = typer.Argument(metavar="CONFIG", help="Configuration that watch init wrote.")
-ConfigFile = Annotated[Path, _CONFIG]
+ConfigFile = Annotated[
+    Path, typer.Argument(metavar="CONFIG", help="Configuration written by watch init.")
+]
+
+_MONITOR_MODULES = (
+    "argon2",
+    "fastapi",
+    "prometheus_client",
+    "python_multipart",
+    "sqlalchemy",
+    "uvicorn",
+)
+"""Modules of the extra ``monitor`` that every watch requires."""
 
 
 class WatchGroup(TyperGroup):
-    """Commands of ``watch``, of which ``run`` may be left out."""
+    """Commands of ``watch``; ``run`` may be omitted."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """What is left of the words; those that name no command belong to ``run``."""
+        """Return the remaining arguments; arguments that name no command belong to ``run``."""
         if args and args[0] not in self.commands and args[0] != "--help":
             args = ["run", *args]
         return super().parse_args(ctx, args)
@@ -39,36 +50,42 @@ class WatchGroup(TyperGroup):
 
 def run(
     config: ConfigFile,
-    once: Annotated[bool, typer.Option("--once", help="Judge what is there now, and end.")] = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Judge the recordings that have arrived, then exit.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Watch the machines of a configuration until Ctrl-C: judge what arrives, raise alarms, show
-    the page.
-    """
+    """Watch the machines of a configuration until Ctrl-C: judge recordings, raise alarms."""
     require_extra()
     from swashtwin.monitoring import load_watch_config, run_watch
 
-    def tell_outcome(outcome: "Outcome") -> None:
+    print_line = print_note if as_json else print_text
+
+    def print_outcome(outcome: "Outcome") -> None:
         machine = f"{outcome.machine}: " if outcome.machine else ""
-        (print_note if as_json else print_text)(f"{machine}{outcome.file}: {outcome.sentence}")
+        print_line(f"{machine}{outcome.file}: {outcome.sentence}")
 
     watch = load_watch_config(config)
-    begin = f"watching {watch.path}; the page is at {watch.page.address}. Ctrl-C ends it."
+    greeting = f"watching {watch.path}; page at {watch.page.address}. Press Ctrl-C to stop."
     with stop_signals() as stop:
         status = run_watch(
-            watch, once=once, stop=stop, started=lambda _: print_note(begin), progress=tell_outcome
+            watch,
+            once=once,
+            stop=stop,
+            started=lambda _: print_note(greeting),
+            progress=print_outcome,
         )
     counters = {name: round(value, 3) for name, value in status.counters.items()}
 
     def show() -> None:
-        judged, rejected = int(counters["judged"]), int(counters["rejected"])
-        print_text(f"judged {judged}, filed with a reason {rejected}, waiting {status.waiting}.")
+        n_judged = int(counters["judged"])
+        n_rejected = int(counters["rejected"])
+        print_text(f"{n_judged} judged, {n_rejected} rejected, {status.waiting} waiting.")
         for problem in status.problems:
             print_note(f"note: {problem}")
 
-    print_result(
-        {**counters, "waiting": status.waiting, "problems": list(status.problems)}, as_json, show
-    )
+    result = {**counters, "waiting": status.waiting, "problems": list(status.problems)}
+    print_result(result, as_json, show)
 
 
 def init(
@@ -77,15 +94,12 @@ def init(
     ),
     as_json: Json = False,
 ) -> None:
-    """Write a configuration with an explanation of each line, to be edited."""
+    """Write an example configuration in which each line is explained, for you to edit."""
     from swashtwin.monitoring import write_example
 
     path = write_example(config)
-    print_result(
-        {"config": path},
-        as_json,
-        lambda: print_text(f"{path} is written; edit it, then: swashtwin watch {path}"),
-    )
+    next_step = f"Wrote {path}. Edit it, then: swashtwin watch {path}"
+    print_result({"config": path}, as_json, lambda: print_text(next_step))
 
 
 def event(
@@ -95,21 +109,21 @@ def event(
         bool,
         typer.Option(
             "--maintenance",
-            help="The machine was repaired: learn its healthy state anew, close alarms.",
+            help="The machine was repaired: learn its baseline again, and close its alarms.",
         ),
     ] = False,
     text: Annotated[str, typer.Option("--note", help="What was done.")] = "",
-    found: Annotated[
+    finding: Annotated[
         str,
         typer.Option(
-            help='What was wrong, such as "piston 3, 30 um"; kept beside the suspect of its newest alarm.'
+            "--found",
+            help='Defect that was found, such as "piston 3, 30 um". It is stored with the suspect '
+            "of the machine's newest alarm.",
         ),
     ] = "",
     as_json: Json = False,
 ) -> None:
-    """Keep in the history what was done to a machine; after maintenance its baseline is learned
-    anew.
-    """
+    """Record in the history what was done to a machine."""
     require_extra()
     from swashtwin.monitoring import History, load_watch_config, record_event
 
@@ -117,52 +131,61 @@ def event(
     history = History.open(watch.history_url, watch.folder, watch.retention)
     try:
         number = record_event(
-            watch, history, machine, who=_user(), note=text, found=found, maintenance=maintenance
+            watch,
+            history,
+            machine,
+            who=_user_name(),
+            note=text,
+            found=finding,
+            maintenance=maintenance,
         )
     finally:
         history.close()
-    after = (
-        "its baseline is learned anew, and its alarms are closed"
-        if maintenance
-        else "kept in the history"
-    )
-    after = (
-        f"what was found stands beside the suspect of its newest alarm; {after}" if found else after
-    )
-    print_result(
-        {"event": number, "machine": machine, "found": found or None},
-        as_json,
-        lambda: print_text(f"{machine}: {after}."),
-    )
+
+    consequences = []
+    if finding:
+        consequences.append("stored the finding with the suspect of its newest alarm")
+    if maintenance:
+        consequences.append("learning its baseline again; its alarms are closed")
+    else:
+        consequences.append("recorded in the history")
+    result = {"event": number, "machine": machine, "found": finding or None}
+    print_result(result, as_json, lambda: print_text(f"{machine}: {'; '.join(consequences)}."))
 
 
 def user(
     config: ConfigFile,
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the person or the program.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the person or program.")],
     token: Annotated[
-        bool, typer.Option("--token", help="Print a token for a program, ask for no password.")
+        bool,
+        typer.Option("--token", help="Print a token for a program instead of asking a password."),
     ] = False,
     control: Annotated[
         bool,
         typer.Option(
-            "--control", help="The program may also acknowledge, silence and note maintenance."
+            "--control",
+            help="Let the program also acknowledge and silence alarms and record maintenance.",
         ),
     ] = False,
-    remove: Annotated[bool, typer.Option("--remove", help="Take the entry out.")] = False,
+    remove: Annotated[bool, typer.Option("--remove", help="Remove the entry.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Let a person see and acknowledge on the page, or a program read and upload; needed beyond
-    this computer.
+    """Let a person see the page and acknowledge alarms, or let a program read and upload.
+
+    Required if the page is reachable from other computers.
     """
     require_extra()
     from swashtwin.foundation import InputError
     from swashtwin.monitoring import add_token, add_user, load_watch_config, remove_entry
 
     if control and not token:
-        raise InputError("--control is of a program's token; give --token too.")
+        raise InputError("--control applies to the token of a program. Add --token.")
     path = load_watch_config(config).page.users
     if path is None:
-        raise InputError(f'{config} names no file for this; add users = "users.json" under [page].')
+        raise InputError(
+            f'{config} specifies no file of users. Add users = "users.json" under [page].'
+        )
+
     secret = ""
     if remove:
         remove_entry(path, name)
@@ -170,38 +193,40 @@ def user(
         secret = add_token(path, name, control=control)
     else:
         add_user(path, name, typer.prompt("Password", hide_input=True, confirmation_prompt=True))
-    words = "was removed from" if remove else "is in"
-    lines = [f"{name} {words} {path}.", *([f"Token, shown this once: {secret}"] if secret else [])]
-    result = {"name": name, "file": path, "token": secret or None}
-    print_result(result, as_json, lambda: print_text("\n".join(lines)))
+
+    def show() -> None:
+        print_text(f"Removed {name} from {path}." if remove else f"Added {name} to {path}.")
+        if secret:
+            print_text(f"Token, shown only once: {secret}")
+
+    print_result({"name": name, "file": path, "token": secret or None}, as_json, show)
 
 
-_EXTRA = ("argon2", "fastapi", "prometheus_client", "python_multipart", "sqlalchemy", "uvicorn")
-"""Packages of the extra that every watch needs."""
-
-
-def require_extra(what: str = "a watch") -> None:
-    """Refuse a watch, or another page, whose packages are not installed."""
+def require_extra(purpose: str = "a watch") -> None:
+    """Raise an error if the packages of a watch, or of another page, are not installed."""
     from swashtwin.foundation import require_modules
 
-    require_modules(*_EXTRA, extra="monitor", need=what)
+    require_modules(*_MONITOR_MODULES, extra="monitor", need=purpose)
 
 
-def _user() -> str:
+def _user_name() -> str:
     import getpass
 
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError):
+        # A service account without an entry, and Windows without the variable.
         return "unknown"
 
 
 @contextmanager
 def stop_signals() -> Iterator[threading.Event]:
-    """Event that Ctrl-C and a system's request to end set."""
+    """Yield an event that is set by Ctrl-C and by a request of the system to terminate."""
     stop = threading.Event()
-    signals: Sequence[signal.Signals] = (signal.SIGINT, signal.SIGTERM)
-    handlers = {number: signal.signal(number, lambda *_: stop.set()) for number in signals}
+    handlers = {
+        number: signal.signal(number, lambda *_: stop.set())
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         yield stop
     finally:
@@ -220,29 +245,29 @@ def export(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write the history to tables: recordings, indicators by machine, alarms, events and the
-    rest.
-    """
+    """Write the history as CSV tables: recordings, indicators by machine, alarms, events."""
     from swashtwin.monitoring import History, load_watch_config
 
-    require_output(
-        *out.glob("*.csv"), *out.glob("indicators/*.csv"), inputs=[Path(database)], force=force
-    )
+    existing_tables = [*out.glob("*.csv"), *out.glob("indicators/*.csv")]
+    require_output(*existing_tables, inputs=[Path(database)], force=force)
     if "://" in database:
-        url, folder = database, out
+        url = database
+        folder = out
     else:
         config = load_watch_config(Path(database))
-        url, folder = config.history_url, config.folder
+        url = config.history_url
+        folder = config.folder
+
     history = History.open(url, folder, is_new=False)
     try:
         counts = history.export(out, print_note)
     finally:
         history.close()
-    rows = [(f"{name}.csv", count) for name, count in counts.items()]
 
     def show() -> None:
+        rows = [(f"{name}.csv", count) for name, count in counts.items()]
         print_table("history", ("file", "rows"), rows)
-        print_text(f"Tables are in {out}.")
+        print_text(f"The tables are in {out}.")
 
     print_result({"folder": str(out), "rows": counts}, as_json, show)
 
@@ -252,26 +277,29 @@ def explore(
         Path,
         typer.Argument(
             metavar="FOLDER|INDEX|FILE|CALIBRATION",
-            help="What to look at; a folder needs no index.",
+            help="What to look at. A folder requires no index.",
         ),
     ],
     model: Annotated[
-        Path | None, typer.Option(help="Model to diagnose with; others can be dropped on the page.")
+        Path | None,
+        typer.Option(help="Model to diagnose with. Others can be dropped on the page."),
     ] = None,
     port: Annotated[
         int, typer.Option(min=1, max=65535, help="Port of the page on this computer.")
     ] = 8643,
 ) -> None:
-    """Look at recordings in the browser, edit their facts, fit a twin by eye and diagnose, until
-    Ctrl-C.
+    """Look at recordings in the browser, edit their facts, fit a twin by eye, and diagnose.
+
+    Press Ctrl-C to stop.
     """
     require_extra("the explorer")
     from swashtwin.explorer import run_explorer
 
     require_existing([source, model])
 
+    def print_address(address: str) -> None:
+        # The blank before the stop keeps it out of the address if a terminal makes it a link.
+        print_note(f"exploring {source} at {address} . Press Ctrl-C to stop.")
+
     with stop_signals() as stop:
-        run_explorer(
-            source, model=model, port=port, stop=stop,
-            started=lambda address: print_note(f"exploring {source} at {address} . Ctrl-C ends it."),
-        )  # fmt: skip
+        run_explorer(source, model=model, port=port, stop=stop, started=print_address)

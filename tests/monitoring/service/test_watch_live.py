@@ -132,5 +132,5 @@ def test_the_command_ends_well_when_the_system_asks_for_it(tmp_path: Path) -> No
     finally:
         process.kill()
     assert process.returncode == 0, error
-    assert "judged 1, filed with a reason 0, waiting 0." in out
+    assert "1 judged, 0 rejected, 0 waiting." in out
     assert "the page is at http://127.0.0.1:" in error

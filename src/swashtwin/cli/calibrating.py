@@ -36,9 +36,25 @@ if TYPE_CHECKING:
     from swashtwin.pump import Fault, Pump
     from swashtwin.recordings import Recording, Recordings
 
+_CALIBRATION_MARK = '"format": "swashtwin calibration'
+_INTERFACES_MARK = "calibrated with"
+_RESULT_KEYS = (
+    "method",
+    "settings",
+    "estimates",
+    "nominal_agreement",
+    "calibrated_agreement",
+    "recording_ids",
+    "recording_hashes",
+    "law",
+    "excluded_recordings",
+    "notes",
+)
+"""Keys of a saved calibration that the command prints; the others describe its twin."""
+
 
 class Method(StrEnum):
-    """How the six interface values are searched."""
+    """Methods that search the six interface values."""
 
     gauss_newton = "gauss-newton"
     ipinn = "ipinn"
@@ -51,254 +67,293 @@ def calibrate(
     pump: PumpName = "25scy14-1b",
     fault: FaultText = "normal",
     speed: Annotated[
-        str | None, typer.Option(help='Use recordings at this shaft speed only, such as "860 rpm".')
+        str | None, typer.Option(help='Use only recordings at this shaft speed, such as "860 rpm".')
     ] = None,
     pressure: Annotated[
         list[str] | None,
         typer.Option(
-            help='Use recordings at this absolute discharge pressure only, such as "15 MPa"; repeatable.'
+            help='Use only recordings at this absolute discharge pressure, such as "15 MPa". '
+            "Repeatable."
         ),
     ] = None,
     specimen: Specimen = None,
     method: Annotated[
         Method | None,
-        typer.Option(
-            help="How the values are searched; gauss-newton by default, the paper's is ipinn."
-        ),
+        typer.Option(help="Search method. Default: gauss-newton. The paper's is ipinn."),
     ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
             metavar="NAME=VALUE",
-            help="A setting of the method (starts=8), or: nuisances=none, typical, housing or by-axis (unmeasured "
-            "constants that are searched as well), phases=false, lines=shaft or spectrum, solver=rk4, bounds=10 "
-            "(a factor of the nominal values); repeatable.",
+            help="Setting of the method (starts=8), or: nuisances=none, usual, housing or by-axis "
+            "(further unknown constants that are estimated), phases=false, lines=shaft or "
+            "spectrum, solver=rk4, bounds=10 (factor around the nominal values). Repeatable.",
         ),
     ] = None,
     law: Annotated[
         str | None,
         typer.Option(
             metavar="KIND[:NAME=QUANTITY,...]",
-            help="Recess whose law is searched too, on the recordings of its class: swash_plate:depth=0.07mm.",
+            help="Recess whose contact law is estimated too, from the recordings of its class: "
+            "swash_plate:depth=0.07mm.",
         ),
     ] = None,
     preset: PresetName = Preset.recommended,
     band: Annotated[
-        str | None, typer.Option(help='Frequencies whose lines are compared: "0-1 kHz".')
+        str | None, typer.Option(help='Frequency band whose lines are compared: "0-1 kHz".')
     ] = None,
     out: Annotated[
         Path,
-        typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml."),
+        typer.Option(help="Calibration file to write, .json, and NAME-interfaces.toml beside it."),
     ] = Path("calibration.json"),
     report: Report = None,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Find a twin's six interface values from recordings, and how uncertain they are.
+    """Estimate a twin's six interface values from recordings, with their uncertainty.
 
-    Speed and pressure are those that the recordings state; several operating points are fitted
-    together, with one set of values. Calibrating is training: the recordings used must not test a
-    classifier later (swashtwin data split).
+    Speed and pressure are taken from the recordings. Several operating points are fitted together
+    with one set of values. Calibration is training: the recordings used must not test a classifier
+    later (swashtwin data split).
     """
     import swashtwin.calibration as calibration
     from swashtwin import presets
     from swashtwin.pump import load_pump
 
-    values_file, read = out.with_name(f"{out.stem}-interfaces.toml"), [source, Path(pump)]
-    require_output(
-        out,
-        suffixes=[".json"],
-        inputs=read,
-        marks=['"format": "swashtwin calibration'],
-        force=force,
-    )
-    require_output(values_file, inputs=read, marks=["calibrated with"], force=force)
-    require_page(report, inputs=read, force=force)
+    interfaces_file = out.with_name(f"{out.stem}-interfaces.toml")
+    inputs = [source, Path(pump)]
+    require_output(out, suffixes=[".json"], inputs=inputs, marks=[_CALIBRATION_MARK], force=force)
+    require_output(interfaces_file, inputs=inputs, marks=[_INTERFACES_MARK], force=force)
+    require_page(report, inputs=inputs, force=force)
+
+    # Options overrule the recipe of the preset.
     recipe = dict((presets.paper if preset is Preset.paper else presets.recommended).calibration)
-    kinds = {Method.gauss_newton: calibration.GaussNewton, Method.ipinn: calibration.IPINN}
-    kind = (
-        type(recipe.pop("method", calibration.GaussNewton())) if method is None else kinds[method]
+    calibrators = {Method.gauss_newton: calibration.GaussNewton, Method.ipinn: calibration.IPINN}
+    if method is None:
+        calibrator = type(recipe.pop("method", calibration.GaussNewton()))
+    else:
+        calibrator = calibrators[method]
+    method_name = next(name for name, kind in calibrators.items() if kind is calibrator)
+    general_settings, method_settings = _read_settings(
+        settings, defaults_of(calibrator()), f"--method {method_name.value}"
     )
-    name = next(name for name in kinds if kinds[name] is kind)
-    arguments, own = _settings(settings, defaults_of(kind()), f"--method {name.value}")
-    recipe |= arguments if band is None else {**arguments, "band": band_from(band)}
-    drawing, defect = load_pump(pump), fault_from(fault)
+    recipe |= general_settings
+    if band is not None:
+        recipe["band"] = band_from(band)
+
+    drawing = load_pump(pump)
+    defect = fault_from(fault)
     label = "normal" if defect is None else defect.label
     if law is not None and not is_collection(source, reading):
         raise typer.BadParameter(
-            "takes an index of healthy recordings and of the fault's.", param_hint="--law"
+            "requires an index with healthy recordings and recordings of the fault.",
+            param_hint="--law",
         )
-    there = _recordings(
-        source, reading, speed, pressure or [], label, specimen, label if law is None else None
+    pressures = pressure or []
+    candidates = _load_recordings(
+        source,
+        reading,
+        speed,
+        pressures,
+        assumed_label=label,
+        selected_label=label if law is None else None,
+        specimen=specimen,
     )
-    start, recordings = _start(drawing, defect, there, speed, pressure or [])
+    start, recordings = _select_start(drawing, defect, candidates, speed, pressures)
+
     with progress("calibrating") as bar:
         result = calibration.calibrate(
             start,
             recordings,
+            # A start of twins already has the fault.
             fault=defect if start is drawing else None,
             law=None if law is None else fault_from(law),
-            method=kind(**own),
+            method=calibrator(**method_settings),
             seed=seed,
             progress=lambda count, total, loss: bar(count, total, f"calibrating, loss {loss:.4g}"),
             **recipe,
         )
-    page = None
-    if report is not None:
-        used = [
-            recording for recording in recordings if recording.recording_id in result.recording_ids
-        ]
-        page = write_page(report, result, recordings=used, about={"Calibration": out})
+
+    used = [recording for recording in recordings if recording.recording_id in result.recording_ids]
+    page = write_page(report, result, recordings=used, about={"Calibration": out})
     result.save(out)
-    values = result.save_interfaces(values_file)
-    shown = (
-        "method",
-        "settings",
-        "estimates",
-        "nominal_agreement",
-        "calibrated_agreement",
-        "recording_ids",
-        "recording_hashes",
-        "law",
-    )
-    facts = result.to_dict()
+    result.save_interfaces(interfaces_file)
+    saved = result.to_dict()
     answer = {
         "calibration": out,
-        "interfaces": values,
-        **{name: facts[name] for name in (*shown, "excluded_recordings", "notes")},
+        "interfaces": interfaces_file,
+        **{key: saved[key] for key in _RESULT_KEYS},
+        "simulations": result.simulations,
+        "wall_s": result.wall_s,
+        "report": page,
     }
-    answer |= {"simulations": result.simulations, "wall_s": result.wall_s, "report": page}
-    print_result(answer, as_json, lambda: _show(result, out, page))
+    print_result(answer, as_json, lambda: _print_calibration(result, out, page))
 
 
-def _recordings(
+def _load_recordings(
     source: Path,
     reading: Reading,
     speed: str | None,
     pressures: Sequence[str],
-    label: str,
+    *,
+    assumed_label: str,
+    selected_label: str | None,
     specimen: str | None,
-    wanted: str | None,
 ) -> "Recordings":
-    """Recordings of an index, of one class where one is `wanted`, or that of a file; what it does
-    not state of class and operating point, options do.
+    """Return the recordings of an index, or of a single file.
+
+    Parameters
+    ----------
+    speed, pressures : operating point of a single file.
+    assumed_label : class of a single file that has none.
+    selected_label : class that is selected from an index; all classes by default.
     """
     from swashtwin.recordings import Recordings, load_recordings
 
     if is_collection(source, reading):
-        return load_recordings(source, label=wanted, specimen=specimen)
+        return load_recordings(source, label=selected_label, specimen=specimen)
+
     if speed is not None and pressures:
         if len(pressures) > 1:
             raise typer.BadParameter(
-                f"{source} is one recording, at one pressure.", param_hint="--pressure"
+                f"allows one pressure, because {source} is one recording.",
+                param_hint="--pressure",
             )
         reading = {**reading, "speed": speed, "pressure": pressures[0]}
     (recording,) = load_sources([source], **reading)
     if recording.label is None:
         print_note(
-            f"note: {source} is taken as a recording of a pump that is {label}; --fault names another class."
+            f"note: {source} is taken as a recording of the class {assumed_label}. Specify another "
+            "class with --fault."
         )
-        recording = recording.replace(label=label)
+        recording = recording.replace(label=assumed_label)
     return Recordings([recording])
 
 
-def _start(
+def _select_start(
     pump: "Pump",
     fault: "Fault | None",
     recordings: "Recordings",
     speed: str | None,
     pressures: Sequence[str],
 ) -> "tuple[Pump | Sequence[Twin], Sequence[Recording]]":
-    """Where the search starts, and the recordings: twins at the points that are named wholly, so
-    that no recording has to state one, or the pump, with the recordings at a speed or pressures
-    that are named alone.
+    """Return where the search starts, and the recordings to fit.
+
+    If speed and pressures are both given, the start is a twin at each operating point, so that no
+    recording has to specify its own. Otherwise it is the pump, and the recordings are those at the
+    given speed or pressures.
     """
     from swashtwin.physics import Twin
     from swashtwin.pump import read_condition
 
     if speed is not None and pressures:
-        points = [read_condition(speed=speed, discharge_pressure=text) for text in pressures]
-        return [Twin(pump, point, fault) for point in points], recordings
-    chosen: Sequence[Recording] = recordings
+        conditions = [read_condition(speed=speed, discharge_pressure=text) for text in pressures]
+        return [Twin(pump, condition, fault) for condition in conditions], recordings
+
     if speed is not None:
-        chosen = recordings = recordings.where(speed=parse_quantity(speed, "rad/s", name="--speed"))
-    if pressures:
-        limits = [parse_quantity(text, "Pa", name="--pressure") for text in pressures]
-        by_id = {
-            item.recording_id: item for limit in limits for item in recordings.where(pressure=limit)
-        }
-        chosen = list(by_id.values())
-    return pump, chosen
+        recordings = recordings.where(speed=parse_quantity(speed, "rad/s", name="--speed"))
+    if not pressures:
+        return pump, recordings
+
+    # A recording may match two pressures that lie within their tolerance: it counts once.
+    selected: dict[str, Recording] = {}
+    for text in pressures:
+        pressure = parse_quantity(text, "Pa", name="--pressure")
+        for recording in recordings.where(pressure=pressure):
+            selected[recording.recording_id] = recording
+    return pump, list(selected.values())
 
 
-def _settings(
-    texts: Sequence[str] | None, defaults: dict[str, Any], owner: str
+def _read_settings(
+    texts: Sequence[str] | None, method_defaults: dict[str, Any], owner: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the settings of `calibrate`, and those of its method."""
     from swashtwin.calibration import Nuisances
     from swashtwin.physics import RK4
 
-    words: dict[str, dict[str, Any]] = {
+    # Settings that are typed as a word; the first word is the default.
+    values_by_word: dict[str, dict[str, Any]] = {
         "lines": {name: name for name in ("piston", "shaft", "spectrum")},
         "nuisances": {
-            "none": Nuisances(), "typical": Nuisances.typical(), "housing": Nuisances.housing(),
+            "none": Nuisances(),
+            "usual": Nuisances.usual(),
+            "housing": Nuisances.housing(),
             "by-axis": Nuisances.by_axis(),
         },
         "solver": {"harmonic-balance": None, "rk4": RK4()},
-    }  # fmt: skip
-    usual = {
-        "bounds": 10.0,
-        "phases": True,
-        **{name: next(iter(options)) for name, options in words.items()},
     }
-    chosen = read_settings(texts, {**usual, **defaults}, owner)
-    for name in words.keys() & chosen.keys():
-        if chosen[name] not in words[name]:
-            reason = f"{name}={chosen[name]} must be {', '.join(words[name])}."
-            raise typer.BadParameter(reason, param_hint="--set")
-        chosen[name] = words[name][chosen[name]]
-    own = ("lines", "nuisances", "phases", "bounds")
-    arguments: dict[str, Any] = {name: chosen.pop(name) for name in own if name in chosen}
-    return arguments, without_none(**chosen)
+    defaults: dict[str, Any] = {"bounds": 10.0, "phases": True}
+    for name, values in values_by_word.items():
+        defaults[name] = next(iter(values))
+
+    settings = read_settings(texts, {**defaults, **method_defaults}, owner)
+    for name, values in values_by_word.items():
+        if name not in settings:
+            continue
+        word = settings[name]
+        if word not in values:
+            raise typer.BadParameter(
+                f"{name}={word} must be one of {', '.join(values)}.", param_hint="--set"
+            )
+        settings[name] = values[word]
+
+    general_names = ("lines", "nuisances", "phases", "bounds")
+    general_settings = {name: settings.pop(name) for name in general_names if name in settings}
+    return general_settings, without_none(**settings)
 
 
-def _interval(estimate: "Estimate") -> str:
-    """The interval in words; an end that only the bound sets is left out."""
+def _format_interval(estimate: "Estimate") -> str:
+    """Return the interval of an estimate as text, without an end that only the bound sets."""
     low, high = (f"{end:.3g}" for end in estimate.interval)
     open_below, open_above = estimate.open_sides
     if open_below and open_above:
-        return "no limits"
-    return (
-        f"at most {high}"
-        if open_below
-        else f"at least {low}"
-        if open_above
-        else f"{low} ... {high}"
-    )
+        return "unlimited"
+    if open_below:
+        return f"at most {high}"
+    if open_above:
+        return f"at least {low}"
+    return f"{low} ... {high}"
 
 
-def _show(result: "Calibration", out: Path, page: Path | None) -> None:
-    law = () if result.law is None else result.law.estimates
+def _print_calibration(result: "Calibration", out: Path, page: Path | None) -> None:
+    law_estimates = () if result.law is None else result.law.estimates
     rows = [
-        (estimate.symbol, estimate.name, estimate.nominal, estimate.value, _interval(estimate), estimate.unit,
-         estimate.verdict)
-        for estimate in (*result.estimates, *law)
-    ]  # fmt: skip
-    header = ("", "parameter", "nominal", "calibrated", "90 % interval", "unit", "verdict")
-    print_table(
-        f"{result.method} on {plural(len(result.recording_ids), 'recording')}", header, rows
-    )
-    if result.law is not None:
-        laws = sorted(result.law.evidence.items(), key=lambda item: -item[1])
-        print_table(
-            "Laws of the recess",
-            ("contact, entry", "ln evidence"),
-            [(name, f"{value:.1f}") for name, value in laws],
+        (
+            estimate.symbol,
+            estimate.name,
+            estimate.nominal,
+            estimate.value,
+            _format_interval(estimate),
+            estimate.unit,
+            estimate.verdict,
         )
-    before, after = asdict(result.nominal_agreement), asdict(result.calibrated_agreement)
-    fits = [(name, before[name], after[name]) for name in before]
-    print_table("Against the measurement", ("figure", "nominal", "calibrated"), fits)
+        for estimate in (*result.estimates, *law_estimates)
+    ]
+    print_table(
+        f"{result.method} on {plural(len(result.recording_ids), 'recording')}",
+        ("", "parameter", "nominal", "calibrated", "90 % interval", "unit", "verdict"),
+        rows,
+    )
+
+    if result.law is not None:
+        by_evidence = sorted(result.law.evidence.items(), key=lambda pair: -pair[1])
+        print_table(
+            "Contact laws of the recess",
+            ("contact, entry", "ln evidence"),
+            [(name, f"{evidence:.1f}") for name, evidence in by_evidence],
+        )
+
+    nominal = asdict(result.nominal_agreement)
+    calibrated = asdict(result.calibrated_agreement)
+    print_table(
+        "Agreement with the measurement",
+        ("score", "nominal", "calibrated"),
+        [(name, nominal[name], calibrated[name]) for name in nominal],
+    )
     for text in result.notes:
         print_note(f"note: {text}")
-    print_text(str(out) if page is None else f"{out}\n{page}")
+    print_text(str(out))
+    if page is not None:
+        print_text(str(page))

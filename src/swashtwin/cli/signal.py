@@ -1,4 +1,4 @@
-"""Commands of the group signal, which need no classifier: features, spectrum, trend."""
+"""Commands of the group signal, which require no classifier: features, spectrum, trend."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -26,25 +26,44 @@ from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Recording
-    from swashtwin.signals import IndicatorTable, ShaftAngle, Trend
+    from swashtwin.signals import IndicatorTable, LineSpectrum, ShaftAngle, Trend
 
 T = TypeVar("T")
 Pistons = Annotated[
     int | None,
-    typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft."),
+    typer.Option(
+        min=1, help="Number of pistons z, for lines at z and 2 z times the shaft frequency."
+    ),
 ]
 Bands = Annotated[
     list[str] | None,
     typer.Option(
-        "--band", help='Band in Hz or shaft orders, "10-1000 Hz", "0.5-6.5x"; repeatable.'
+        "--band", help='Band in Hz or shaft orders: "10-1000 Hz", "0.5-6.5x". Repeatable.'
+    ),
+]
+Tachometer = Annotated[
+    str | None,
+    typer.Option(
+        metavar="CHANNEL[:PULSES]",
+        help='Channel with the pulses of a tachometer; "tacho:60" has 60 per revolution.',
+    ),
+]
+Track = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ORDERS",
+        help='Orders of which the clearest line is tracked for the shaft angle: "7,14,28".',
     ),
 ]
 
-_TABLE = "recording,channel,class,specimen,date,speed [rpm],pressure [MPa],"
-"""Start of a table of indicators."""
-_NO_ZONE = "No ISO zone is printed: no part of ISO 20816 or 10816 is made for axial piston pumps."
-_SHOWN = ("rms", "velocity_rms", "crest_factor", "kurtosis")
-"""Indicators that the screen has room for, beside the amplitudes of orders."""
+_TABLE_MARK = "recording,channel,class,specimen,date,speed [rpm],pressure [MPa],"
+"""Start of a table of indicators, by which it is recognized."""
+_NO_ZONE = "No ISO zone is printed: ISO 20816 and 10816 do not cover axial piston pumps."
+_PRINTED_INDICATORS = ("rms", "velocity_rms", "crest_factor", "kurtosis")
+"""Indicators that fit on the screen, with the amplitudes of orders."""
+_SMALL_BASELINE = 12
+"""Healthy recordings below which a baseline flags some healthy recordings: with fewer, the spread
+(MAD) is underestimated often enough to be seen (docs/how-to/indicators.md)."""
 
 
 class SpectrumKind(StrEnum):
@@ -62,27 +81,9 @@ class Order(StrEnum):
     name = "name"
 
 
-Tachometer = Annotated[
-    str | None,
-    typer.Option(
-        metavar="CHANNEL[:PULSES]",
-        help='Channel with the pulses of a tachometer; "tacho:60" has 60 a turn.',
-    ),
-]
-Track = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ORDERS",
-        help='Follow the clearest line of these orders for the shaft angle: "7,14,28".',
-    ),
-]
-
-
 @dataclass(frozen=True)
 class Shaft:
-    """Where a recording's shaft angle comes from; options that contradict each other are a wrong
-    command line.
-    """
+    """Source of a recording's shaft angle; tachometer and tracking exclude each other."""
 
     tachometer: str | None
     track: str | None
@@ -90,48 +91,45 @@ class Shaft:
     def __post_init__(self) -> None:
         if self.tachometer is not None and self.track is not None:
             raise typer.BadParameter(
-                "give either --tachometer or --track, not both.", param_hint="--track"
+                "excludes --tachometer. Specify one of them.", param_hint="--track"
             )
         read_list(self.track, int, "--track")
 
     def angle_of(self, recording: "Recording") -> "ShaftAngle | None":
-        """The shaft's angle, or None where no option says how to find it."""
+        """Return the shaft's angle, or None if no option specifies its source."""
         if self.tachometer is not None:
             from swashtwin.recordings import load_extra_channel
-            from swashtwin.signals import tachometer_angle
+            from swashtwin.signals import tachometer_speed
 
-            channel, pulses = self._tachometer_of(recording)
-            source = (
-                recording
-                if channel in recording.channels
-                else load_extra_channel(recording, channel)
-            )
-            return tachometer_angle(source, channel, pulses)
+            channel, pulses = self._split_tachometer(recording)
+            if channel not in recording.channels:
+                recording = load_extra_channel(recording, channel)
+            return tachometer_speed(recording, channel, pulses)
+
         orders = read_list(self.track, int, "--track")
         if orders is None:
             return None
-        from swashtwin.signals import track_shaft_angle
+        from swashtwin.signals import tracked_speed
 
-        return track_shaft_angle(recording, order=orders)
+        return tracked_speed(recording, order=orders)
 
     def vibration_of(self, recording: "Recording") -> "Recording":
-        """The recording without the tachometer."""
+        """Return the recording without the tachometer."""
         if self.tachometer is None:
             return recording
-        channel, _ = self._tachometer_of(recording)
+        channel, _ = self._split_tachometer(recording)
         return recording.select_channels([name for name in recording.channels if name != channel])
 
-    def _tachometer_of(self, recording: "Recording") -> tuple[str, int]:
-        """Channel of the tachometer, and its pulses per turn; a channel's own name may hold a
-        colon.
-        """
+    def _split_tachometer(self, recording: "Recording") -> tuple[str, int]:
+        """Return the channel of the tachometer, and its pulses per revolution."""
         assert self.tachometer is not None
-        channel, colon, pulses = self.tachometer.rpartition(":")
-        if self.tachometer in recording.channels or not (
-            colon and pulses.isdigit() and int(pulses) > 0
-        ):
+        # The name of a channel may contain a colon itself.
+        if self.tachometer in recording.channels:
             return self.tachometer, 1
-        return channel, int(pulses)
+
+        channel, colon, pulses = self.tachometer.rpartition(":")
+        has_pulses = bool(colon) and pulses.isdigit() and int(pulses) > 0
+        return (channel, int(pulses)) if has_pulses else (self.tachometer, 1)
 
 
 @reads_files
@@ -139,7 +137,7 @@ def features(
     source: Sources,
     reading: Reading,
     out: Annotated[
-        Path | None, typer.Option(help="CSV file to write, all columns with their units.")
+        Path | None, typer.Option(help="CSV file to write, with all columns and their units.")
     ] = None,
     pistons: Pistons = None,
     band: Bands = None,
@@ -148,18 +146,24 @@ def features(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Table of indicators: velocity, levels, orders, envelope, for each recording and channel.
+    """Compute indicators of each recording and channel: velocity, levels, orders, envelope.
 
-    No ISO zone is printed (none is made for axial piston pumps): compare with the machine's own
-    baseline by swashtwin signal trend.
+    No ISO zone is printed, because no standard covers axial piston pumps. Compare with the
+    machine's own baseline by swashtwin signal trend.
     """
-    require_output(out, suffixes=[".csv"], inputs=source, marks=[_TABLE], force=force)
+    from swashtwin.foundation import write_text
     from swashtwin.recordings import source_files
 
+    require_output(out, suffixes=[".csv"], inputs=source, marks=[_TABLE_MARK], force=force)
     shaft = Shaft(tachometer, track)
     recordings = load_sources(source, **reading)
-    files = [(str(file.absolute()), file.stat()) for path in source for file in source_files(path)]
-    stamps = [(file, stamp.st_size, stamp.st_mtime_ns) for file, stamp in files]
+
+    # An interrupted run continues only if neither the settings nor the files have changed.
+    stamps: list[tuple[str, int, int]] = []
+    for path in source:
+        for file in source_files(path):
+            stat = file.stat()
+            stamps.append((str(file.absolute()), stat.st_size, stat.st_mtime_ns))
     settings = {
         "pistons": pistons,
         "bands": band,
@@ -167,157 +171,178 @@ def features(
         "reading": reading,
         "sources": stamps,
     }
-    indicators = _indicators_of(recordings, pistons, band, shaft, out, settings)
+    indicators = _compute_indicators(recordings, pistons, band, shaft, out, settings)
+
     if out is not None:
-        from swashtwin.foundation import write_text
-
         write_text(out, indicators.csv)
-    print_result(
-        {"csv": out, **indicators.to_dict()}, as_json, lambda: _show_indicators(indicators, out)
-    )
+    result = {"csv": out, **indicators.to_dict()}
+    print_result(result, as_json, lambda: _print_indicators(indicators, out))
 
 
-def _show_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
-    columns = [
-        (index, column)
-        for index, column in enumerate(indicators.columns)
-        if column.name in _SHOWN or column.name.startswith("order_amplitude")
+def _print_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
+    printed_columns = [
+        column
+        for column, indicator in enumerate(indicators.columns)
+        if indicator.name in _PRINTED_INDICATORS or indicator.name.startswith("order_amplitude")
     ]
-    values = [
-        [row[index] * column.shown[0] for index, column in columns]
-        for row in indicators.values.tolist()
-    ]
-    names = [
-        column.name.removeprefix("order_amplitude ").replace("_", " ")
-        + (f" [{column.shown[1]}]" if column.unit else "")
-        for _, column in columns
-    ]
-    rows = [
-        (row.recording_id, row.channel, *numbers)
-        for row, numbers in zip(indicators.rows, values, strict=True)
-    ]
-    print_rows(f"{len(rows)} rows", ("recording", "channel", *names), rows, "--out or --json has")
-    where = f": {out}" if out else "; --out FILE.csv writes them"
-    print_text(f"{len(indicators.columns)} indicators in all{where}. {_NO_ZONE}")
+    titles = []
+    factors = []
+    for column in printed_columns:
+        indicator = indicators.columns[column]
+        factor, unit = indicator.shown
+        title = indicator.name.removeprefix("order_amplitude ").replace("_", " ")
+        titles.append(f"{title} [{unit}]" if indicator.unit else title)
+        factors.append(factor)
+
+    rows = []
+    for row, values in zip(indicators.rows, indicators.values.tolist(), strict=True):
+        numbers = [
+            factor * values[column] for factor, column in zip(factors, printed_columns, strict=True)
+        ]
+        rows.append((row.recording_id, row.channel, *numbers))
+    print_rows(f"{len(rows)} rows", ("recording", "channel", *titles), rows, "--out or --json has")
+
+    destination = f": {out}" if out else "; --out FILE.csv writes them"
+    print_text(f"{len(indicators.columns)} indicators in all{destination}. {_NO_ZONE}")
 
 
 @reads_files
 def spectrum(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording to look at.")],
     reading: Reading,
-    kind: Annotated[SpectrumKind, typer.Option(help="Which spectrum.")] = SpectrumKind.amplitude,
+    kind: Annotated[SpectrumKind, typer.Option(help="Kind of spectrum.")] = SpectrumKind.amplitude,
     out: Annotated[
         Path | None,
-        typer.Option(help="SVG file to write, NAME-data.csv beside it; FILE_KIND.svg here."),
+        typer.Option(
+            help="SVG file to write, with NAME-data.csv beside it. Default: FILE_KIND.svg in the "
+            "current folder."
+        ),
     ] = None,
     pistons: Pistons = None,
     band: Annotated[
         str | None,
-        typer.Option(help='Band of the envelope, "2-5 kHz"; the kurtogram\'s by default.'),
+        typer.Option(
+            help='Band of the envelope: "2-5 kHz". Default: the band with the highest kurtosis.'
+        ),
     ] = None,
     tachometer: Tachometer = None,
     track: Track = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Amplitude, envelope or order spectrum with the lines of shaft and pistons marked: CSV and
-    SVG.
-    """
+    """Draw an amplitude, envelope or order spectrum with the lines of shaft and pistons marked."""
     from swashtwin.foundation import write_text
-    from swashtwin.report import draw_spectrum
+    from swashtwin.report import spectrum_drawing
     from swashtwin.signals import spectrum_of
 
-    target = out or Path(f"{file.stem}_{kind.value}.svg")
-    csv_file = _csv_beside(target, [file], force)
+    svg_file = out or Path(f"{file.stem}_{kind.value}.svg")
+    csv_file = _require_figure(svg_file, [file], force)
     if band is not None and kind is not SpectrumKind.envelope:
         raise typer.BadParameter(
-            "is the band of an envelope: --kind envelope.", param_hint="--band"
+            "is the band of an envelope. Add --kind envelope.", param_hint="--band"
         )
+    band_edges = None if band is None else band_from(band)
     shaft = Shaft(tachometer, track)
-    edges = None if band is None else band_from(band)
     recordings = load_sources([file], **reading)
     if len(recordings) != 1:
         raise typer.BadParameter(
-            f"{file} holds {len(recordings)} recordings; name one file.", param_hint="FILE"
+            f"{file} has {len(recordings)} recordings. Specify one file.", param_hint="FILE"
         )
-    vibration, angle = shaft.vibration_of(recordings[0]), shaft.angle_of(recordings[0])
-    lines = spectrum_of(vibration, kind.value, angle=angle, pistons=pistons, band=edges)
-    drawing = draw_spectrum(lines)
-    data = write_text(csv_file, drawing.csv)
-    write_text(target, drawing.svg)
+
+    vibration = shaft.vibration_of(recordings[0])
+    angle = shaft.angle_of(recordings[0])
+    lines = spectrum_of(vibration, kind.value, angle=angle, pistons=pistons, band=band_edges)
+    drawing = spectrum_drawing(lines)
+    write_text(csv_file, drawing.csv)
+    write_text(svg_file, drawing.svg)
+
     marks = [
         {
             "name": mark.name,
-            "at": mark.position,
+            "at": mark.at,
             "value": dict(zip(lines.channels, lines.at(mark).tolist(), strict=True)),
         }
         for mark in lines.marks
     ]
     result = {
-        "recording": lines.recording_id, "kind": lines.kind, "axis": lines.axis, "axis_unit": lines.axis_unit,
-        "unit": lines.unit, "marks": marks, "bands_hz": dict(zip(lines.channels, lines.bands, strict=False)),
-        "angle_from": lines.angle_from, "svg": target, "csv": data,
-    }  # fmt: skip
+        "recording": lines.recording_id,
+        "kind": lines.kind,
+        "axis": lines.axis,
+        "axis_unit": lines.axis_unit,
+        "unit": lines.unit,
+        "marks": marks,
+        "bands_hz": dict(zip(lines.channels, lines.bands, strict=False)),
+        "angle_from": lines.angle_from,
+        "svg": svg_file,
+        "csv": csv_file,
+    }
 
     def show() -> None:
-        for name, (low, high) in zip(lines.channels, lines.bands, strict=False):
-            print_text(f"{name}: envelope of {low:.0f} to {high:.0f} Hz")
-        axis = f"{lines.axis}{f' [{lines.axis_unit}]' if lines.axis_unit else ''}"
-        header = ("line", axis, *(f"{name} [{lines.unit or '1'}]" for name in lines.channels))
-        rows = [(mark.name, mark.position, *lines.at(mark).tolist()) for mark in lines.marks]
-        if rows:
-            print_table(f"{drawing.title}, at the expected lines", header, rows)
-        else:
-            print_note('The speed is not stated, so no line is marked; give --speed "860 rpm".')
-        print_text(f"{target}\n{data}")
+        _print_lines(lines, drawing.title)
+        print_text(f"{svg_file}\n{csv_file}")
 
     print_result(result, as_json, show)
+
+
+def _print_lines(lines: "LineSpectrum", title: str) -> None:
+    """Print the amplitudes at the expected lines of a spectrum."""
+    for channel, (low, high) in zip(lines.channels, lines.bands, strict=False):
+        print_text(f"{channel}: envelope of {low:.0f} to {high:.0f} Hz")
+    if not lines.marks:
+        print_note('The speed is unknown, so that no line is marked: add --speed "860 rpm".')
+        return
+
+    axis = f"{lines.axis} [{lines.axis_unit}]" if lines.axis_unit else lines.axis
+    unit = lines.unit or "1"
+    print_table(
+        f"{title}, at the expected lines",
+        ("line", axis, *(f"{channel} [{unit}]" for channel in lines.channels)),
+        [(mark.name, mark.at, *lines.at(mark).tolist()) for mark in lines.marks],
+    )
 
 
 def trend(
     source: Index,
     indicator: Annotated[
         str,
-        typer.Option(
-            help="Indicator to follow, such as rms; swashtwin signal features lists them."
-        ),
+        typer.Option(help="Indicator, such as rms; swashtwin signal features lists them."),
     ] = "rms",
-    channel: Annotated[
-        str | None, typer.Option(help="Channel to follow; the first by default.")
-    ] = None,
+    channel: Annotated[str | None, typer.Option(help="Channel. Default: the first one.")] = None,
     by: Annotated[
-        Order, typer.Option(help="Order: by the attribute date, or by name.")
+        Order, typer.Option(help="Order of the recordings: by the attribute date, or by name.")
     ] = Order.name,
     threshold: Annotated[
         float,
         typer.Option(
-            help="Spreads (1.4826 MAD) from the baseline at which a recording is flagged."
+            help="Distance from the baseline at which a recording is flagged, in spreads "
+            "(1.4826 MAD)."
         ),
     ] = 5.0,
     baseline: Annotated[
         list[str] | None,
         typer.Option(
-            help='Class, or pattern of recording ids, that is healthy; "normal" by default, repeatable.'
+            help='Class, or pattern of recording ids, that is healthy. Default: "normal". '
+            "Repeatable."
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="SVG file to write, NAME-data.csv beside it.")
+        Path | None, typer.Option(help="SVG file to write, with NAME-data.csv beside it.")
     ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """An indicator over recordings, against the machine's own healthy baseline at the same speed
-    and pressure.
+    """Follow an indicator over recordings, relative to the machine's own healthy baseline.
 
-    No ISO zone is printed (none is made for axial piston pumps). A baseline takes five healthy
-    recordings at least.
+    A baseline consists of at least five healthy recordings of the machine at the same speed and
+    pressure. No ISO zone is printed, because no standard covers axial piston pumps.
     """
     from swashtwin.foundation import write_text
-    from swashtwin.report import draw_trend
+    from swashtwin.report import trend_drawing
     from swashtwin.signals import trend_of
 
-    csv_file = None if out is None else _csv_beside(out, [source], force)
-    indicators = _indicators_of(load_sources([source]), None, None, Shaft(None, None))
+    csv_file = None if out is None else _require_figure(out, [source], force)
+    no_shaft = Shaft(None, None)
+    indicators = _compute_indicators(load_sources([source]), None, None, no_shaft)
     result = trend_of(
         indicators,
         indicator,
@@ -327,45 +352,66 @@ def trend(
         healthy=baseline or ("normal",),
     )
     if out is not None and csv_file is not None:
-        drawing = draw_trend(result)
+        drawing = trend_drawing(result)
         write_text(csv_file, drawing.csv)
         write_text(out, drawing.svg)
 
     def show() -> None:
-        _show_points(result)
-        counts = [point.count for point in result.points if point.status != "no baseline"]
-        if without := len(result.points) - len(counts):
-            count = f"{plural(without, 'recording')} {'has' if without == 1 else 'have'}"
-            print_note(
-                f"{count} no baseline: it takes 5 other healthy ones of the machine at that point."
-            )
-        if counts and min(counts) < 12:
-            print_note(f"The smallest baseline has {plural(min(counts), 'recording')}; it flags some healthy ones "
-                 "(docs/how-to/indicators.md).")  # fmt: skip
-        flagged = f"{len(result.flagged)} of {len(counts)} flagged beyond {threshold:g} spreads."
-        print_text(f"{flagged if counts else 'None could be judged.'} {_NO_ZONE}")
+        _print_trend(result, threshold)
         if out is not None:
             print_text(f"{out}\n{csv_file}")
 
     print_result({**result.to_dict(), "svg": out, "csv": csv_file}, as_json, show)
 
 
-def _show_points(trend: "Trend") -> None:
-    factor, unit = trend.indicator.shown
-    flagged = {
+def _print_trend(trend: "Trend", threshold: float) -> None:
+    _print_trend_points(trend)
+
+    baseline_sizes = [point.count for point in trend.points if point.status != "no baseline"]
+    n_without = len(trend.points) - len(baseline_sizes)
+    if n_without:
+        print_note(
+            f"{plural(n_without, 'recording')} without a baseline: it requires 5 other healthy "
+            "recordings of the machine at the same operating point."
+        )
+    if baseline_sizes and min(baseline_sizes) < _SMALL_BASELINE:
+        print_note(
+            f"The smallest baseline has {plural(min(baseline_sizes), 'recording')}, so that some "
+            "healthy recordings are flagged (docs/how-to/indicators.md)."
+        )
+
+    if baseline_sizes:
+        summary = (
+            f"{len(trend.flagged)} of {len(baseline_sizes)} recordings flagged beyond "
+            f"{threshold:g} spreads."
+        )
+    else:
+        summary = "No recording could be judged."
+    print_text(f"{summary} {_NO_ZONE}")
+
+
+def _print_trend_points(trend: "Trend") -> None:
+    """Print the points of a trend, the most deviating first if not all fit on the screen."""
+    deviations = {
         point.row.recording_id: abs(point.value - point.median) / point.spread
         for point in trend.flagged
     }
-    points = sorted(trend.points, key=lambda point: -flagged.get(point.row.recording_id, 0.0))
+    points = list(trend.points)
+    if len(points) > MAX_ROWS:
+        points.sort(key=lambda point: -deviations.get(point.row.recording_id, 0.0))
+
+    factor, unit = trend.indicator.shown
     rows = [
         (
             point.row.recording_id,
             format_label(point.row.label),
-            *(factor * value for value in (point.value, point.median, point.spread)),
+            factor * point.value,
+            factor * point.median,
+            factor * point.spread,
             point.count,
             point.status,
         )
-        for point in (points if len(points) > MAX_ROWS else trend.points)
+        for point in points
     ]
     header = (
         "recording",
@@ -379,7 +425,7 @@ def _show_points(trend: "Trend") -> None:
     print_rows(f"{trend.indicator.name} of {trend.channel}", header, rows)
 
 
-def _indicators_of(
+def _compute_indicators(
     recordings: "Sequence[Recording]",
     pistons: int | None,
     bands: list[str] | None,
@@ -387,8 +433,14 @@ def _indicators_of(
     out: Path | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> "IndicatorTable":
-    """Indicators of all recordings; orders are left out of a recording whose shaft angle cannot be
-    found.
+    """Return the indicators of all recordings.
+
+    Orders are omitted for a recording whose shaft angle cannot be determined.
+
+    Raises
+    ------
+    DataError
+        No recording's shaft angle can be determined.
     """
     from swashtwin.foundation import DataError, InputError, from_table, to_table
     from swashtwin.signals import (
@@ -397,79 +449,88 @@ def _indicators_of(
         Band,
         IndicatorTable,
         indicators_of,
-        stack_tables,
-        summarize_long_recording,
+        long_indicators,
+        stacked,
     )
 
-    edges = tuple(Band.parse(text) for text in bands or ()) or BANDS
+    band_values = tuple(Band.parse(text) for text in bands or ()) or BANDS
     refusals: dict[str, str] = {}
 
     def describe(recording: "Recording") -> "IndicatorTable":
-        angle, names = None, list(FAMILIES)
+        angle = None
+        families = list(FAMILIES)
         try:
             angle = shaft.angle_of(recording)
         except (DataError, InputError) as refusal:
-            refusals.setdefault(recording.recording_id, str(refusal))  # of stretches, one each
-            names.remove("orders")
+            # A long recording is described in stretches; its first reason suffices.
+            refusals.setdefault(recording.recording_id, str(refusal))
+            families.remove("orders")
         vibration = shaft.vibration_of(recording)
-        return indicators_of(vibration, angle=angle, pistons=pistons, bands=edges, families=names)
+        return indicators_of(
+            vibration, angle=angle, pistons=pistons, bands=band_values, families=families
+        )
 
-    def result_of(recording: "Recording") -> tuple[Any, dict[str, str]]:
-        found = to_table(summarize_long_recording(recording.unloaded(), describe))
-        return found, {
-            name: reason for name, reason in refusals.items() if name == recording.recording_id
-        }
+    def compute(recording: "Recording") -> tuple[Any, dict[str, str]]:
+        table = to_table(long_indicators(recording.unloaded(), describe))
+        reason = refusals.get(recording.recording_id)
+        return table, {} if reason is None else {recording.recording_id: reason}
 
     tables = []
-    for found, refused in _kept(
-        out, settings, iterate_with_progress(recordings, "indicators"), result_of
-    ):
-        tables.append(from_table(found, IndicatorTable))
-        refusals |= refused
+    entries = iterate_with_progress(recordings, "indicators")
+    for table, reasons in _resume_results(out, settings, entries, compute):
+        tables.append(from_table(table, IndicatorTable))
+        refusals |= reasons
+
     if refusals and len(refusals) == len(recordings):
         raise DataError(next(iter(refusals.values())))
     for reason in refusals.values():
         print_note(f"no orders: {reason}")
-    return stack_tables(tables)
+    return stacked(tables)
 
 
-def _kept(
+def _resume_results(
     out: Path | None,
     settings: Mapping[str, Any] | None,
-    items: Iterable[T],
-    result_of: Callable[[T], Any],
+    entries: Iterable[T],
+    compute: Callable[[T], Any],
 ) -> Iterator[Any]:
-    """The result of each item; those that an interrupted command of equal settings left beside
-    `out` are read there.
+    """Yield the result of each entry, and keep the results until all are computed.
+
+    Results that an interrupted command with the same settings left beside `out` are not computed
+    again. The file has a line for the settings, then a line for each result.
     """
     from swashtwin.foundation import TEXT, VERSION, write_text
 
     if out is None:
-        yield from map(result_of, items)
+        yield from map(compute, entries)
         return
-    path, header = out.with_name(f"{out.name}.partial"), json.dumps([VERSION, settings])
-    lines = (
-        path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1]
-        if path.is_file()
-        else []
-    )
-    lines = lines if lines[:1] == [header] else [header]
+
+    path = out.with_name(f"{out.name}.partial")
+    header = json.dumps([VERSION, settings])
+    lines = [header]
+    if path.is_file():
+        # What follows the final line end is a line that was not written completely.
+        previous_lines = path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1]
+        if previous_lines[:1] == [header]:
+            lines = previous_lines
     write_text(path, "".join(f"{line}\n" for line in lines))
+
     try:
         with path.open("a", **TEXT) as file:
-            for number, item in enumerate(items, 1):
+            for number, entry in enumerate(entries, 1):
                 if number == len(lines):
-                    lines.append(json.dumps(result_of(item)))
+                    lines.append(json.dumps(compute(entry)))
                     print(lines[number], file=file, flush=True)
                 yield json.loads(lines[number])
     except Exception:
+        # A damaged file must not make every later run fail; Ctrl-C is not an Exception.
         path.unlink(missing_ok=True)
         raise
     path.unlink()
 
 
-def _csv_beside(figure: Path, sources: list[Path], force: bool) -> Path:
-    """The CSV file beside a figure; both are refused where they may not be written."""
+def _require_figure(figure: Path, sources: list[Path], force: bool) -> Path:
+    """Return the CSV file beside a figure; raise an error if either must not be written."""
     csv_file = figure.with_name(f"{figure.stem}-data.csv")
     require_output(figure, suffixes=[".svg"], inputs=sources, marks=[FIGURE], force=force)
     require_output(csv_file, inputs=sources, force=force or figure.exists())

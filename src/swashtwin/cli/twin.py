@@ -1,6 +1,4 @@
-"""Commands of the group twin that use a twin or a pump file: severity, next, pump show and pump
-new.
-"""
+"""Commands of the group twin on twins and pump files: severity, next, pump show and pump new."""
 
 import math
 from collections.abc import Iterator
@@ -32,9 +30,14 @@ from swashtwin.cli.outputs import require_folder
 from swashtwin.foundation import parse_quantity, plural
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import RecordingPlan, SeverityTrend
-    from swashtwin.pump import Pump
-    from swashtwin.recordings import Recording
+    from swashtwin.calibration import Calibration, CandidateRecording, RecordingPlan, SeverityTrend
+    from swashtwin.pump import Fault, Pump
+    from swashtwin.recordings import Recording, Recordings
+
+_MAX_CANDIDATES = 10
+"""Candidate recordings that are printed; ``--json`` prints all."""
+_REQUIRED_NAMEPLATE = ("displacement", "pistons", "speed", "pressure")
+"""Options without which a nameplate cannot be scaled; the mass has a default."""
 
 
 def plan_next(
@@ -42,87 +45,99 @@ def plan_next(
     speeds: Annotated[
         str | None,
         typer.Option(
-            help='Speeds that can be run: "600 rpm, 1200 rpm"; by default 2/3, 1 and 3/2 of the mean, as rated.'
+            help='Speeds that the machine can run, such as "600 rpm, 1200 rpm". Default: 2/3, 1 '
+            "and 3/2 of the mean measured speed, within the rated one."
         ),
     ] = None,
     pressures: Annotated[
         str | None,
         typer.Option(
-            help='Absolute discharge pressures that can be run: "5 MPa, 15 MPa"; by default as the speeds.'
+            help='Absolute discharge pressures that the machine can run, such as "5 MPa, 15 MPa". '
+            "Default: the same factors of the mean measured pressure."
         ),
     ] = None,
     sensors: Annotated[
         list[str] | None,
         typer.Option(
-            help='Sensors of the pump file that record together: "cover_z, body_y"; repeatable, once for each set. By '
-            "default those calibrated on."
+            help='Sensors of the pump file that record together, such as "cover_z, body_y". Repeat '
+            "for each set. Default: the calibrated sensors."
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """What to record next: which operating point and sensors narrow the calibrated values'
-    intervals most.
+    """Rank operating points and sensors by how much a further recording narrows the intervals.
 
-    Each combination counts as one further recording as long as those before and in the same state,
-    healthy where the calibration is. Name what your machine can run.
+    Each candidate counts as one recording that is as long as the previous ones, with the pump in
+    the same state. Specify what your machine can run.
     """
     from swashtwin.calibration import load_calibration, plan_recording
 
-    speed = [parse_quantity(part, "rad/s", name="--speeds") for part in split_names(speeds)]
-    pressure = [parse_quantity(part, "Pa", name="--pressures") for part in split_names(pressures)]
-    sets = [split_names(text) for text in sensors or ()]
+    speed_values = [parse_quantity(part, "rad/s", name="--speeds") for part in split_names(speeds)]
+    pressure_values = [
+        parse_quantity(part, "Pa", name="--pressures") for part in split_names(pressures)
+    ]
+    sensor_sets = [split_names(text) for text in sensors or ()]
     calibrated = load_calibration(calibration)
-    with progress("expected widths"):
+    with progress("computing expected widths"):
         plan = plan_recording(
-            calibrated, speeds=speed or None, pressures=pressure or None, sensors=sets or None
+            calibrated,
+            speeds=speed_values or None,
+            pressures=pressure_values or None,
+            sensors=sensor_sets or None,
         )
-    print_result({"calibration": calibration, **asdict(plan)}, as_json, lambda: _show_plan(plan))
+    print_result({"calibration": calibration, **asdict(plan)}, as_json, lambda: _print_plan(plan))
 
 
-_SHOWN = 10
-"""Candidates that are printed; --json has all."""
-
-
-def _show_plan(plan: "RecordingPlan") -> None:
-    rows = []
-    for item in plan.candidates[:_SHOWN]:
-        letter, factor = max(item.narrowing_factors.items(), key=lambda pair: pair[1])
-        gain = 1 - item.total_width / plan.total_width
-        rows.append(
-            (
-                f"{item.speed * 30 / math.pi:.0f} rpm",
-                f"{item.discharge_pressure / 1e6:.3g} MPa",
-                f"{item.duration:.3g} s",
-                ", ".join(item.channels),
-                f"{item.total_width:.2f}",
-                f"{gain:.1%}" if gain > 0 else "none",
-                f"{letter}, {factor:.2g} times" if factor > 1 else "-",
-            )
-        )
-    header = ("speed", "pressure", "length", "sensors", "width after", "narrower by", "most")
+def _print_plan(plan: "RecordingPlan") -> None:
+    rows = [_candidate_row(candidate, plan) for candidate in plan.candidates[:_MAX_CANDIDATES]]
+    header = (
+        "speed",
+        "pressure",
+        "length",
+        "sensors",
+        "width then",
+        "narrower by",
+        "value narrowed most",
+    )
     print_table(
-        f"What to record next; total ln width of the six intervals now {plan.total_width:.2f}",
+        "Candidates for the next recording; total ln width of the six intervals now "
+        f"{plan.total_width:.2f}",
         header,
         rows,
     )
     if plan.candidates[-1].total_width >= plan.total_width:
         print_text(
-            "none: the twin errs there by more than a further recording can tell, so the intervals are no narrower."
+            "none: there, the model error of the twin exceeds what a further recording resolves, "
+            "so that no interval becomes narrower."
         )
-    more = len(plan.candidates) - len(rows)
-    if more > 0:
-        print_text(f"{more} more, which narrow less: --json")
+    n_omitted = len(plan.candidates) - len(rows)
+    if n_omitted > 0:
+        print_text(f"{n_omitted} further candidates, which narrow less: --json")
+
+
+def _candidate_row(candidate: "CandidateRecording", plan: "RecordingPlan") -> tuple[str, ...]:
+    gain = 1 - candidate.total_width / plan.total_width
+    symbol, factor = max(candidate.narrowing_factors.items(), key=lambda pair: pair[1])
+    return (
+        f"{candidate.speed * 30 / math.pi:.0f} rpm",
+        f"{candidate.discharge_pressure / 1e6:.3g} MPa",
+        f"{candidate.duration:.3g} s",
+        ", ".join(candidate.channels),
+        f"{candidate.total_width:.2f}",
+        f"{gain:.1%}" if gain > 0 else "none",
+        f"{symbol}, {factor:.2g} times" if factor > 1 else "-",
+    )
 
 
 def new_pump(
     name: Annotated[str, typer.Argument(help="Name of the new pump.")],
     original: Annotated[
         str, typer.Option("--pump", help="Pump to copy or to scale, by name or .toml file.")
-    ] = ("25scy14-1b"),
+    ] = "25scy14-1b",
     displacement: Annotated[
         str | None,
         typer.Option(
-            help='Nameplate: volume per revolution, such as "45 cm3/rev"; scales the pump.'
+            help='Nameplate: volume per revolution, such as "45 cm3/rev". Scales the pump.'
         ),
     ] = None,
     pistons: Annotated[
@@ -134,58 +149,118 @@ def new_pump(
     pressure: Annotated[
         str | None,
         typer.Option(
-            help='Discharge pressure that the port timing is made for, such as "280 bar".'
+            help='Discharge pressure for which the port timing is designed, such as "280 bar".'
         ),
     ] = None,
     mass: Annotated[
         str | None,
-        typer.Option(help='Mass without oil, such as "21 kg"; that of catalogs by default.'),
+        typer.Option(help='Mass without oil, such as "21 kg". Default: from catalogs.'),
     ] = None,
     out: Annotated[
-        Path, typer.Option(help="Folder where NAME.toml is written.", callback=require_folder)
+        Path, typer.Option(help="Folder for NAME.toml.", callback=require_folder)
     ] = Path(),
     as_json: Json = False,
 ) -> None:
     """Write a pump file for you to edit: scaled from a nameplate, or a commented copy.
 
-    Each number's source says whether it is the nameplate's, scaled, or a guess.
+    The source of each number states whether it is from the nameplate, scaled, or a guess.
     """
     import swashtwin.pump as pump
 
     plate = None
-    if (
-        displacement is not None
-        and pistons is not None
-        and speed is not None
-        and pressure is not None
-    ):
-        plate = pump.read_nameplate(
-            displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass
-        )
-    elif stated := without_none(
+    values = without_none(
         displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass
-    ):
-        missing = [
-            name for name in ("displacement", "pistons", "speed", "pressure") if name not in stated
-        ]
-        reason = f"a nameplate needs {', '.join(f'--{name}' for name in missing)} too."
-        raise typer.BadParameter(reason, param_hint=f"--{next(iter(stated))}")
+    )
+    if values:
+        missing = [f"--{option}" for option in _REQUIRED_NAMEPLATE if option not in values]
+        if missing:
+            raise typer.BadParameter(
+                f"is part of a nameplate, which also requires {', '.join(missing)}.",
+                param_hint=f"--{next(iter(values))}",
+            )
+        plate = pump.read_nameplate(**{"mass": None, **values})
+
     path = pump.new_pump(name.removesuffix(".toml"), like=original, nameplate=plate, folder=out)
-    next_step = f"{path}\nEdit it, then: swashtwin twin pump show {path} --effects. A twin is no better than its numbers."
-    print_result({"pump": path}, as_json, lambda: print_text(next_step))
+
+    def show() -> None:
+        print_text(str(path))
+        print_text(
+            f"Edit it, then: swashtwin twin pump show {path} --effects. The quality of a twin "
+            "depends on these numbers."
+        )
+
+    print_result({"pump": path}, as_json, show)
 
 
-def _effects(pump: "Pump") -> list[dict[str, Any]]:
-    """Effect of each number on the healthy pump's lines at its rated point, the largest first, and
-    its origin.
-    """
+def show_pump(
+    name: Annotated[str, typer.Argument(help="Name of a pump, or its .toml file.")] = "25scy14-1b",
+    effects: Annotated[
+        bool,
+        typer.Option(
+            "--effects",
+            help="Print how much the vibration depends on each number, the largest effect first.",
+        ),
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Print every number of a pump with its source, in trade units (with --json in SI units)."""
+    from swashtwin.pump import available_pumps, load_pump, pump_numbers
+
+    pump = load_pump(name)
+    numbers = list(pump_numbers(pump))
+    derived = list(_derived_numbers(pump))
+    result: dict[str, Any] = {
+        "name": pump.name,
+        "parameters": [
+            {"name": path, "value": value, "unit": unit, "source": pump.sources.get(path, "")}
+            for path, value, unit in numbers
+        ],
+        "channels": pump.channels,
+        "available": available_pumps(),
+        "derived": [
+            {"name": title, "value": value, "unit": unit} for title, value, unit in derived
+        ],
+    }
+    if effects:
+        result["effects"] = _compute_effects(pump)
+
+    def show() -> None:
+        print_table(
+            pump.name,
+            ("parameter", "value", "source"),
+            [
+                (path, _format_in_trade_units(value, unit), pump.sources.get(path, ""))
+                for path, value, unit in numbers
+            ],
+        )
+        print_table(
+            "Derived quantities",
+            ("", "value"),
+            [(title, _format_in_trade_units(value, unit)) for title, value, unit in derived],
+        )
+        if effects:
+            print_table(
+                "Effect of each number on the vibration of the healthy pump at its rated point",
+                ("parameter", "changed by", "line amplitudes change by", "source"),
+                [
+                    (effect["name"], effect["step"], f"{effect['effect']:.2%}", effect["source"])
+                    for effect in result["effects"]
+                ],
+            )
+
+    print_result(result, as_json, show)
+
+
+def _compute_effects(pump: "Pump") -> list[dict[str, Any]]:
+    """Return the effect of each number on the healthy pump's lines, the largest first."""
     from swashtwin.foundation import InputError
     from swashtwin.physics import Twin, sensitivities
     from swashtwin.pump import OperatingCondition
 
     if pump.rated is None:
         raise InputError(
-            f"{pump.name} states no [rated] speed and discharge_pressure; add them to its file."
+            f"{pump.name} has no rated operating point. Add speed and discharge_pressure under "
+            "[rated] to its file."
         )
     with progress("changing one number at a time"):
         twin = Twin(pump, OperatingCondition(pump.rated.speed, pump.rated.discharge_pressure))
@@ -200,88 +275,33 @@ def _effects(pump: "Pump") -> list[dict[str, Any]]:
         ]
 
 
-def show_pump(
-    name: Annotated[str, typer.Argument(help="Name of a pump, or its .toml file.")] = "25scy14-1b",
-    effects: Annotated[
-        bool,
-        typer.Option(
-            "--effects",
-            help="Show how much the vibration depends on each number, the largest first.",
-        ),
-    ] = False,
-    as_json: Json = False,
-) -> None:
-    """Every number of a pump in the units of the trade, with its source; with --json in SI
-    units.
-    """
-    from swashtwin.pump import available_pumps, load_pump, pump_numbers
-
-    pump = load_pump(name)
-    numbers = list(pump_numbers(pump))
-    derived = list(_derived(pump))
-    result: dict[str, Any] = {
-        "name": pump.name,
-        "parameters": [
-            {"name": path, "value": value, "unit": unit, "source": pump.sources.get(path, "")}
-            for path, value, unit in numbers
-        ],
-        "channels": pump.channels,
-        "available": available_pumps(),
-        "derived": [
-            {"name": words, "value": value, "unit": unit} for words, value, unit in derived
-        ],
-    }
-    if effects:
-        result["effects"] = _effects(pump)
-
-    def show() -> None:
-        rows = [
-            (path, _in_trade_units(value, unit), pump.sources.get(path, ""))
-            for path, value, unit in numbers
-        ]
-        print_table(pump.name, ("parameter", "value", "source"), rows)
-        print_table(
-            "What follows",
-            ("", "value"),
-            [(words, _in_trade_units(value, unit)) for words, value, unit in derived],
-        )
-        if effects:
-            lines = [
-                (item["name"], item["step"], f"{item['effect']:.2%}", item["source"])
-                for item in result["effects"]
-            ]
-            header = ("parameter", "changed by", "line amplitudes change by", "source")
-            print_table(
-                "What the vibration of the healthy pump depends on at its rated point",
-                header,
-                lines,
-            )
-
-    print_result(result, as_json, show)
-
-
-def _derived(pump: "Pump") -> Iterator[tuple[str, float, str]]:
-    """(what, value, SI unit) of what follows from a pump's numbers."""
+def _derived_numbers(pump: "Pump") -> Iterator[tuple[str, float, str]]:
+    """Yield (title, value, SI unit) of quantities that follow from a pump's numbers."""
     from swashtwin.pump import stroke_of
 
     group = pump.rotating_group
     yield "displacement per revolution", group.displacement, "m^3"
     yield "stroke of a piston", stroke_of(group), "m"
     yield "diameter of the pitch circle", 2 * group.pitch_radius, "m"
-    if pump.rated is not None:
-        turns = pump.rated.speed / (2 * math.pi)
-        at = f"at {_in_trade_units(pump.rated.speed, 'rad/s')}"
-        yield f"piston-pass frequency {at}", group.piston_count * turns, "Hz"
-        yield f"theoretical flow {at}", group.displacement * turns, "m^3/s"
+    if pump.rated is None:
+        return
+
+    shaft_frequency = pump.rated.speed / (2 * math.pi)
+    rated_speed = _format_in_trade_units(pump.rated.speed, "rad/s")
+    yield (
+        f"piston-pass frequency at {rated_speed}",
+        group.piston_count * shaft_frequency,
+        "Hz",
+    )
+    yield f"theoretical flow at {rated_speed}", group.displacement * shaft_frequency, "m^3/s"
 
 
-def _in_trade_units(value: Any, unit: str) -> str:
+def _format_in_trade_units(value: Any, unit: str) -> str:
+    """Return a number, or several, with five digits in the units of the trade."""
     from swashtwin.pump import format_quantity
 
-    return ", ".join(
-        format_quantity(number, unit, 5)
-        for number in (value if isinstance(value, tuple) else (value,))
-    )
+    numbers = value if isinstance(value, tuple) else (value,)
+    return ", ".join(format_quantity(number, unit, 5) for number in numbers)
 
 
 def severity(
@@ -293,80 +313,138 @@ def severity(
         str,
         typer.Option(
             metavar="KIND[:NAME=QUANTITY,...]",
-            help="Kind of fault; a dimension that is given is a fixed one.",
+            help="Kind of fault. A further dimension that is given is held fixed.",
         ),
     ],
     healthy: Annotated[
         Path | None,
         typer.Option(
-            help="Index of further healthy recordings; those of INDEX that are labeled normal always count.",
+            help="Index of further healthy recordings. Recordings of INDEX that are labeled normal "
+            "are always used.",
             callback=require_index,
         ),
     ] = None,
     specimen: Specimen = None,
     as_json: Json = False,
 ) -> None:
-    """Estimate how severe a fault is in each recording of a pump, in mm or um, with an interval:
-    for a pump's trend.
+    """Estimate the severity of a fault in each recording of a pump, with an interval.
 
-    The severity (a depth, a clearance) is always searched; one that is given is where the search
-    starts. Of the further dimensions the usual ones are searched unless they are given. Calibrate
-    with --band "0-1 kHz", the band in which severities are searched, and with phases, the default.
+    The severity (a depth or a clearance, in mm or um) is always estimated; a given one is where the
+    search starts. Of the further dimensions, those that are usually unknown are estimated unless
+    they are given. Calibrate with --band "0-1 kHz", the band in which severities are estimated, and
+    with phases, which is the default.
     """
     from swashtwin.calibration import estimate_severity, get_severity_search, load_calibration
-    from swashtwin.foundation import DataError
-    from swashtwin.pump import is_healthy, read_fault
-    from swashtwin.recordings import build_manifest, find_copies, load_recordings
+    from swashtwin.pump import read_fault
+    from swashtwin.recordings import load_recordings
 
-    kind, fixed = fault_dimensions(fault)
-    defect = read_fault(kind, **fixed)
+    kind, fixed_dimensions = fault_dimensions(fault)
+    defect = read_fault(kind, **fixed_dimensions)
     if defect is None:
         raise typer.BadParameter(
-            "a normal pump has no severity; name a fault, such as swash_plate.",
-            param_hint="--fault",
+            "must be a fault with a severity, such as swash_plate.", param_hint="--fault"
         )
+
     healthy_calibration = load_calibration(calibration)
     recordings = load_recordings(source, specimen=specimen)
-    calibrated = find_copies(healthy_calibration.recording_hashes, build_manifest(recordings))
-    names, whose = healthy_calibration.recording_ids, (None, specimen)
-    others = [
-        item
-        for item in load_recordings(source)
-        if item.recording_id in names and item.specimen not in whose
-    ]
-    if specimen is not None and find_copies(
-        healthy_calibration.recording_hashes, build_manifest(others)
-    ):
-        print_note(
-            f"note: {calibration} is of machine {others[0].specimen}, these are of {specimen}: calibrate {specimen}."
-        )
-    sound: list[Recording] = []
-    worn: list[Recording] = []
-    for recording in recordings:  # healthy is what is labeled so or was calibrated on
-        is_sound = is_healthy(recording.label) or recording.recording_id in calibrated
-        (sound if is_sound else worn).append(recording)
-    if not worn:
-        raise DataError(
-            f"{source} holds healthy recordings only ({len(sound)} labeled normal, or calibrated); give some that may "
-            f"be worn, labeled {defect.label} or not at all."
-        )
+    if specimen is not None:
+        _warn_of_other_machine(calibration, healthy_calibration, source, specimen)
+    healthy_recordings, worn_recordings = _divide_by_health(
+        source, recordings, healthy_calibration, defect
+    )
     if healthy is not None:
-        ids = {recording.recording_id for recording in sound}
-        further = load_recordings(healthy, specimen=specimen)
-        sound += [
-            item for item in further if is_healthy(item.label) and item.recording_id not in ids
-        ]
-    usual = [name for name in get_severity_search(defect).free if name not in fixed]
-    with progress("searching severities"):
-        trend = estimate_severity(healthy_calibration, worn, defect, healthy=sound, free=usual)
-    result = {**trend.to_dict(), "healthy": [recording.recording_id for recording in sound]}
-    print_result(result, as_json, lambda: _show_severity(trend, len(sound)))
+        healthy_recordings += _further_healthy(healthy, specimen, healthy_recordings)
+
+    free_dimensions = [
+        name for name in get_severity_search(defect).free if name not in fixed_dimensions
+    ]
+    with progress("estimating severities"):
+        trend = estimate_severity(
+            healthy_calibration,
+            worn_recordings,
+            defect,
+            healthy=healthy_recordings,
+            free=free_dimensions,
+        )
+    healthy_ids = [recording.recording_id for recording in healthy_recordings]
+    print_result(
+        {**trend.to_dict(), "healthy": healthy_ids},
+        as_json,
+        lambda: _print_severity(trend, len(healthy_ids)),
+    )
 
 
-def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
+def _warn_of_other_machine(
+    calibration_file: Path, calibration: "Calibration", source: Path, specimen: str
+) -> None:
+    """Print a note if the calibration rests on recordings of another machine in the index."""
+    from swashtwin.recordings import build_manifest, find_copies, load_recordings
+
+    of_other_machines = [
+        recording
+        for recording in load_recordings(source)
+        if recording.recording_id in calibration.recording_ids
+        and recording.specimen not in (None, specimen)
+    ]
+    if find_copies(calibration.recording_hashes, build_manifest(of_other_machines)):
+        print_note(
+            f"note: {calibration_file} is of machine {of_other_machines[0].specimen}, but the "
+            f"recordings are of {specimen}. Calibrate {specimen}."
+        )
+
+
+def _divide_by_health(
+    source: Path, recordings: "Recordings", calibration: "Calibration", defect: "Fault"
+) -> "tuple[list[Recording], list[Recording]]":
+    """Return the healthy recordings, and those that may be worn.
+
+    Healthy are those that are labeled so, or on which the healthy pump was calibrated.
+    """
+    from swashtwin.foundation import DataError
+    from swashtwin.pump import is_healthy
+    from swashtwin.recordings import build_manifest, find_copies
+
+    calibrated_ids = find_copies(calibration.recording_hashes, build_manifest(recordings))
+    healthy_recordings: list[Recording] = []
+    worn_recordings: list[Recording] = []
+    for recording in recordings:
+        if is_healthy(recording.label) or recording.recording_id in calibrated_ids:
+            healthy_recordings.append(recording)
+        else:
+            worn_recordings.append(recording)
+
+    if not worn_recordings:
+        raise DataError(
+            f"{source} has only healthy recordings ({len(healthy_recordings)} labeled normal or "
+            f"used for calibration). Add recordings that may be worn, labeled {defect.label} or "
+            "without a label."
+        )
+    return healthy_recordings, worn_recordings
+
+
+def _further_healthy(
+    index: Path, specimen: str | None, known_recordings: "list[Recording]"
+) -> "list[Recording]":
+    """Return the healthy recordings of a further index that are not known yet."""
+    from swashtwin.pump import is_healthy
+    from swashtwin.recordings import load_recordings
+
+    known_ids = {recording.recording_id for recording in known_recordings}
+    return [
+        recording
+        for recording in load_recordings(index, specimen=specimen)
+        if is_healthy(recording.label) and recording.recording_id not in known_ids
+    ]
+
+
+def _print_severity(trend: "SeverityTrend", n_healthy: int) -> None:
     rows = []
     for estimate in trend.estimates:
         limit = estimate.detection_limit
+        further_dimensions = [
+            f"{dimension.dimension.name} {dimension.words}, {dimension.verdict}"
+            for dimension in estimate.dimensions[1:]
+        ]
         rows.append(
             (
                 estimate.recording_id,
@@ -374,28 +452,25 @@ def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
                 estimate.severity.words,
                 estimate.severity.verdict,
                 None if limit is None else estimate.severity.dimension.words(limit),
-                ", ".join(
-                    f"{item.dimension.name} {item.words}, {item.verdict}"
-                    for item in estimate.dimensions[1:]
-                ),
+                ", ".join(further_dimensions),
             )
         )
-    name = trend.estimates[0].severity.dimension.name
+    dimension_name = trend.estimates[0].severity.dimension.name
     header = (
         "recording",
-        "at",
-        f"{name} (90 % interval)",
+        "pressure",
+        f"{dimension_name} (90 % interval)",
         "verdict",
         "detection limit",
         "further dimensions",
     )
     print_table(f"Severity of {type(trend.reference).__name__} by inversion", header, rows)
-    notes = [
-        f"{estimate.recording_id}: {text}"
-        for estimate in trend.estimates
-        for text in estimate.notes
-    ]
-    for text in (*trend.notes, *notes):
+
+    for text in trend.notes:
         print_note(f"note: {text}")
-    print_merged_notes(trend.excluded_recordings, "left out")
-    print_text(f"{plural(len(trend.estimates), 'recording')}, against {healthy} healthy ones")
+    for estimate in trend.estimates:
+        for text in estimate.notes:
+            print_note(f"note: {estimate.recording_id}: {text}")
+    print_merged_notes(trend.excluded_recordings, "excluded")
+    count = plural(len(trend.estimates), "recording")
+    print_text(f"{count}, compared with {n_healthy} healthy ones")

@@ -126,7 +126,7 @@ def test_ipinn_takes_its_settings_and_the_page_says_which_combinations_are_known
     [
         (("--set", "learning_rate=0.1"), "--method gauss-newton has no setting 'learning_rate'."),
         (("--preset", "paper", "--set", "starts=2"), "--method ipinn has no setting 'starts'."),
-        (("--set", "nuisances=all"), "must be none, typical, housing, by-axis"),
+        (("--set", "nuisances=all"), "must be one of none, typical, housing, by-axis"),
     ],
 )
 def test_an_option_that_the_method_does_not_take_is_a_wrong_command_line(

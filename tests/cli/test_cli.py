@@ -80,7 +80,7 @@ def test_the_fidelity_of_synthetic_windows_is_printed(
     )
     facts = (*words, "--out", tmp_path / "made.safetensors")
     printed = run(*facts).stdout
-    assert "fidelity: " in printed
+    assert "Fidelity" in printed
     assert "Features that separate them best" in printed
 
 

@@ -77,7 +77,7 @@ def test_of_many_recordings_the_furthest_come_first_and_the_rest_is_in_the_file(
     output = run("signal", "trend", folder, "--channel", "cover").stdout
     assert output.index("loud") < output.index("healthy0")
     assert "9 more rows: --json has them." in output
-    assert "1 of 14 flagged" in output
+    assert "1 of 14 recordings flagged" in output
     assert "No ISO zone is printed" in output
     assert "9 more rows" in run("signal", "features", folder, "--tachometer", "tacho").stdout
 

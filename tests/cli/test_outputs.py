@@ -111,7 +111,7 @@ def test_a_file_that_is_there_is_replaced_only_where_told(name: str, files: Path
     target.write_text("mine")
     before = contents(files)
     words = shlex.split(line.format(target, folder=files / "out"))
-    assert "replace it with --force" in one_line(run(*words, code=3)) or "{" not in line
+    assert "Overwrite it with --force" in one_line(run(*words, code=3)) or "{" not in line
     assert contents(files) == before
 
 
@@ -125,7 +125,9 @@ def test_no_command_replaces_what_it_reads(name: str, read: str, files: Path) ->
     link.symlink_to(files / read)
     for target in (files / read, link):
         refusal = one_line(run(*shlex.split(WRITERS[name][0].format(target)), "--force", code=3))
-        assert "is read by this command and would be lost" in refusal or "must end in" in refusal
+        assert (
+            "is an input of this command and would be lost" in refusal or "must end in" in refusal
+        )
     link.unlink()
     assert contents(files) == before
 

@@ -161,7 +161,7 @@ def test_bad_input_ends_with_one_line_and_code_3(
     [
         (("x.h5", "--fault", "piston:depth"), "Usage"),
         (("x.h5", "--count", "2"), "Usage"),
-        (("x.csv", "--duration", "1e7 s"), "GB in memory"),
+        (("x.csv", "--duration", "1e7 s"), "GB of memory"),
     ],
 )
 def test_a_wrong_command_line_is_shown_how_it_is_used(

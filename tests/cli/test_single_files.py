@@ -79,8 +79,9 @@ def test_calibrate_takes_a_bare_file_at_the_operating_point_of_its_options(
         *QUICK,
     )
     result = run(*words, "--speed", "860 rpm", "--pressure", "15 MPa", "--out", tmp_path / "c.json")
-    assert "is taken as a recording of a pump that is normal; --fault names another" in " ".join(
-        result.stderr.split()
+    assert (
+        "is taken as a recording of the class normal. Specify another class with --fault"
+        in " ".join(result.stderr.split())
     )
     assert (tmp_path / "c.json").is_file()
     two = ("--speed", "860 rpm", "--pressure", "15 MPa", "--pressure", "10 MPa")
@@ -125,11 +126,11 @@ def test_evaluate_names_copies_and_says_how_many_are_called_unknown(
     (strange / "normal_9.csv").write_bytes((folder / "normal_1.csv").read_bytes())
     run("index", strange, *FACTS)
     said = run("evaluate", model, strange)
-    assert "left out: recording normal_9, which holds the samples of normal_1," in " ".join(
+    assert "excluded: recording normal_9, which holds the samples of normal_1," in " ".join(
         said.stderr.split()
     )
     unknown = run_json("evaluate", model, strange)["confidence"]["called_unknown"]
     assert unknown > 0
-    assert f"diagnose would call {unknown:.0%} of these recordings unknown" in " ".join(
+    assert f"diagnose would report {unknown:.0%} of these recordings as unknown" in " ".join(
         said.stderr.split()
     )

@@ -123,7 +123,7 @@ def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Pat
     saved = save_classifier(classifier, tmp_path / "model.safetensors")
     words = ("model", "export", saved, "--out", tmp_path / "model.onnx")
     (tmp_path / "model.onnx").write_text("mine")
-    assert "replace it with --force" in one_line(run(*words, code=3))
+    assert "Overwrite it with --force" in one_line(run(*words, code=3))
     run(*words, "--force")
     answer = run_json(*words)  # replaces what it wrote itself
     assert (answer["network"], answer["classes"]) == ("band_powers", ["normal", "piston"])

@@ -1,10 +1,10 @@
-"""The command line. A command reads its options, calls the functions of the same name, and prints
-what came back.
+"""The command line: a command reads options, calls a public function, and prints its result.
 
 With ``--json`` standard output holds exactly one JSON object; progress and errors go to standard
-error. Exit codes: 0 done, 1 a bug, 2 a wrong command line, 3 data or a value that cannot be used,
-130 interrupted. Modules here import what is heavy inside the commands, so that ``--help`` answers
-at once. Other distributions add commands to it: see `application.add_installed_commands`.
+error. Exit codes: 0 success, 1 a bug, 2 invalid command line, 3 invalid data or value, 4 no
+verdict, 5 too few data, 130 interrupted. Modules here import heavy packages inside the commands, so
+that ``--help`` answers at once. Other distributions add commands to it: see
+`application.add_installed_commands`.
 """
 
 import lazy_loader

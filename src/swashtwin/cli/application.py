@@ -1,4 +1,4 @@
-"""The application: every command by name, and what is the same for all of them."""
+"""The application: every command by name, and the options and setup that all share."""
 
 import gc
 import os
@@ -22,7 +22,10 @@ from swashtwin.cli import (
 from swashtwin.cli.console import GuardedGroup, safe_streams
 from swashtwin.foundation import InputError, keep_freed_memory
 
-FIRST: Mapping[str, Callable[..., None]] = {
+Commands = Mapping[str, Callable[..., None]]
+"""Commands of a group by name."""
+
+FIRST_SCREEN: Commands = {
     "index": recordings.index,
     "explore": watching.explore,
     "inspect": recordings.inspect,
@@ -36,119 +39,139 @@ FIRST: Mapping[str, Callable[..., None]] = {
 }
 """Commands of the first screen, in the order of a user's work."""
 
-GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
-    "data": ("Convert and split recordings.", {"convert": recordings.convert, "split": recordings.split}),
+WATCH: Commands = {
+    "run": watching.run,
+    "init": watching.init,
+    "event": watching.event,
+    "user": watching.user,
+}
+"""Commands of ``swashtwin watch``."""
+
+PUMPS: Commands = {"show": twin.show_pump, "new": twin.new_pump}
+"""Commands of ``swashtwin twin pump``."""
+
+GROUPS: Mapping[str, tuple[str, Commands]] = {
+    "data": (
+        "Convert and split recordings.",
+        {"convert": recordings.convert, "split": recordings.split},
+    ),
     "signal": (
-        "Indicators, spectra and trends, without a classifier.",
+        "Compute indicators, spectra and trends, without a classifier.",
         {"features": signal.features, "spectrum": signal.spectrum, "trend": signal.trend},
     ),
     "twin": (
         "Simulate, compare and use twins of pumps.",
         {
-            "simulate": simulating.simulate, "severity": twin.severity, "next": twin.plan_next,
+            "simulate": simulating.simulate,
+            "severity": twin.severity,
+            "next": twin.plan_next,
             "prior": models.prior,
         },
     ),
-    "history": ("Use the history of watched machines in other programs.", {"export": watching.export}),
+    "history": (
+        "Use the history of watched machines in other programs.",
+        {"export": watching.export},
+    ),
     "model": (
-        "Adapt a shipped model to a machine, or use a trained one in other programs.",
+        "Adapt a shipped model to a machine, or export a model.",
         {"adapt": models.adapt, "export": models.export},
     ),
-}  # fmt: skip
-"""Help and commands of each group."""
+}
+"""Help and commands of the other groups."""
 
-WATCH: Mapping[str, Callable[..., None]] = {
-    "run": watching.run, "init": watching.init, "event": watching.event, "user": watching.user,
-}  # fmt: skip
-"""Commands of ``swashtwin watch``."""
-
-PUMPS: Mapping[str, Callable[..., None]] = {"show": twin.show_pump, "new": twin.new_pump}
-"""Commands of ``swashtwin twin pump``."""
+DESCRIPTION = (
+    "Learn a digital twin of an axial piston pump from its vibration, and diagnose the pump with "
+    "it."
+)
 
 app = typer.Typer(
     name="swashtwin",
     cls=GuardedGroup,
-    help="Learn a digital twin of an axial piston pump from its vibration, and diagnose the pump with it.",
+    help=DESCRIPTION,
     epilog=(
-        "Exit codes: 0 done, 1 a bug, 2 wrong command line, 3 bad data or value, 4 no verdict, 5 too few data, "
-        "130 interrupted."
+        "Exit codes: 0 success, 1 a bug, 2 invalid command line, 3 invalid data or value, 4 no "
+        "verdict, 5 too few data, 130 interrupted."
     ),
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
 
 
-def _filled(
-    group: typer.Typer, commands: Mapping[str, Callable[..., None]], **more: Any
-) -> typer.Typer:
+def _group_of(help_text: str, commands: Commands, **settings: Any) -> typer.Typer:
+    """Return a group of commands."""
+    group = typer.Typer(no_args_is_help=True, help=help_text, **settings)
     for name, function in commands.items():
-        group.command(name, **more)(function)
+        group.command(name)(function)
     return group
 
 
-_filled(app, FIRST, rich_help_panel="Commands")
-_words = "Watch pumps at a plant: swashtwin watch CONFIG starts it."
-_watch = _filled(typer.Typer(cls=watching.WatchGroup, no_args_is_help=True, help=_words), WATCH)
+for _name, _function in FIRST_SCREEN.items():
+    app.command(_name, rich_help_panel="Commands")(_function)
+
+_watch = _group_of(
+    "Watch pumps at a plant: swashtwin watch CONFIG starts it.", WATCH, cls=watching.WatchGroup
+)
 app.add_typer(_watch, name="watch", rich_help_panel="Commands")
-for _name, (_words, _commands) in GROUPS.items():
-    _members = _filled(typer.Typer(no_args_is_help=True, help=_words), _commands)
+
+for _name, (_help, _commands) in GROUPS.items():
+    _group = _group_of(_help, _commands)
     if _name == "twin":
-        _words = "Show and write the parameter files of pumps."
-        _members.add_typer(
-            _filled(typer.Typer(no_args_is_help=True, help=_words), PUMPS), name="pump"
-        )
-    app.add_typer(_members, name=_name, rich_help_panel="More commands")
+        _pump_group = _group_of("Print and write the parameter files of pumps.", PUMPS)
+        _group.add_typer(_pump_group, name="pump")
+    app.add_typer(_group, name=_name, rich_help_panel="More commands")
 
 
 def add_installed_commands() -> None:
-    """Add the commands of other distributions: of each entry point of the group
-    ``swashtwin.commands``, a function that takes the application. Those of ``swashtwin-bench`` tell
-    how to get them where it is not installed.
+    """Add the commands of other distributions.
+
+    Each entry point of the group ``swashtwin.commands`` is a function that takes the application.
+    If ``swashtwin-bench`` is not installed, its commands state how to install it.
     """
     installed = entry_points(group="swashtwin.commands")
     for entry in installed:
         entry.load()(app)
-    if "bench" not in installed.names:
-        anything = {"allow_extra_args": True, "ignore_unknown_options": True}
-        for parent, name in ((app, "demo"), (app, "bench"), (_watch, "demo")):
-            parent.command(name, hidden=True, add_help_option=False, context_settings=anything)(
-                _require_bench
-            )
+    if "bench" in installed.names:
+        return
+
+    any_arguments = {"allow_extra_args": True, "ignore_unknown_options": True}
+    for group, name in ((app, "demo"), (app, "bench"), (_watch, "demo")):
+        group.command(name, hidden=True, add_help_option=False, context_settings=any_arguments)(
+            _require_bench
+        )
 
 
 def _require_bench() -> None:
     raise InputError(
-        "this command belongs to swashtwin-bench, which is not installed: pip install swashtwin-bench."
+        "This command belongs to swashtwin-bench, which is not installed: pip install "
+        "swashtwin-bench."
     )
 
 
 add_installed_commands()
 
 
-def _print_version(is_wanted: bool) -> bool:
-    if is_wanted:
+def _print_version(is_requested: bool) -> bool:
+    if is_requested:
         from swashtwin.foundation import VERSION
 
         typer.echo(VERSION)
         raise typer.Exit
-    return is_wanted
+    return is_requested
 
 
-@app.callback()
-def _options(
+@app.callback(help=DESCRIPTION)
+def _global_options(
     debug: Annotated[
-        bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")
+        bool, typer.Option("--debug", help="Print the traceback of an unexpected error.")
     ] = False,
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Show the version and exit."
+            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
         ),
     ] = False,
 ) -> None:
-    """Learn a digital twin of an axial piston pump from its vibration, and diagnose the pump with
-    it.
-    """
+    """Declare the options of every command; their effects are elsewhere."""
 
 
 def main() -> None:

@@ -86,7 +86,7 @@ def calibrate(
         typer.Option(
             "--set",
             metavar="NAME=VALUE",
-            help="Setting of the method (starts=8), or: nuisances=none, usual, housing or by-axis "
+            help="Setting of the method (starts=8), or: nuisances=none, typical, housing or by-axis "
             "(further unknown constants that are estimated), phases=false, lines=shaft or "
             "spectrum, solver=rk4, bounds=10 (factor around the nominal values). Repeatable.",
         ),
@@ -278,7 +278,7 @@ def _read_settings(
         "lines": {name: name for name in ("piston", "shaft", "spectrum")},
         "nuisances": {
             "none": Nuisances(),
-            "usual": Nuisances.usual(),
+            "typical": Nuisances.typical(),
             "housing": Nuisances.housing(),
             "by-axis": Nuisances.by_axis(),
         },

@@ -1,6 +1,6 @@
 """Commands that answer a user's question: diagnose and report."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -81,7 +81,7 @@ def diagnose(
     if healthy is not None:
         trained, recordings = _compare_with(trained, healthy, recordings)
 
-    rate = {} if error_rate is None else {"error_rate": error_rate}
+    rate: dict[str, Any] = {} if error_rate is None else {"error_rate": error_rate}
     verdicts = [
         trained.diagnose(recording, **rate)
         for recording in iterate_with_progress(recordings, "diagnosing")
@@ -94,12 +94,7 @@ def diagnose(
     evidence: dict[str, Evidence] = {}
     if report is not None and isinstance(trained, FaultClassifier):
         evidence = _collect_evidence(trained.fitted_, recordings, verdicts)
-    page_parts: list[Any] = []
-    for verdict in verdicts:
-        page_parts.append(verdict)
-        if verdict.recording_id in evidence:
-            page_parts.append(evidence[verdict.recording_id])
-    page = write_page(report, *page_parts, about={"Model": model})
+    page = write_page(report, *_page_parts(verdicts, evidence), about={"Model": model})
 
     def show() -> None:
         _print_verdicts(verdicts)
@@ -191,6 +186,16 @@ def _collect_evidence(
             # Such as a file that was removed meanwhile; the verdicts remain valid.
             print_note(f"note: the page shows no evidence for {verdict.recording_id}: {cause}")
     return evidence
+
+
+def _page_parts(
+    verdicts: "Sequence[Diagnosis]", evidence: "Mapping[str, Evidence]"
+) -> "Iterator[Diagnosis | Evidence]":
+    """Yield each verdict, followed by its evidence."""
+    for verdict in verdicts:
+        yield verdict
+        if verdict.recording_id in evidence:
+            yield evidence[verdict.recording_id]
 
 
 def _print_verdicts(verdicts: "Sequence[Diagnosis]") -> None:

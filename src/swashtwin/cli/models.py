@@ -1,5 +1,6 @@
 """Commands of saved models: evaluate, model export, model adapt, and twin prior."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -56,7 +57,7 @@ def evaluate(
     """Score a model on the recordings of an index that it was not trained on."""
     import swashtwin.learning as learning
     from swashtwin.diagnosis import FaultClassifier, load_model
-    from swashtwin.recordings import describe_copies, load_recordings
+    from swashtwin.recordings import load_recordings
 
     require_page(report, inputs=[model, source], force=force)
     trained = load_model(model)
@@ -78,15 +79,7 @@ def evaluate(
         else:
             scores = trained.evaluate(test_recordings)
 
-    if seen:
-        print_note(f"excluded: {plural(len(seen), 'recording')} that the model was trained on.")
-    for name, original_name in seen.items():
-        if name != original_name:
-            copy = describe_copies({name: original_name})
-            print_note(f"excluded: {copy}, which the model was trained on.")
-    n_synthetic = len(recordings) - len(test_recordings) - len(seen)
-    if n_synthetic:
-        print_note(f"excluded: {plural(n_synthetic, 'synthetic recording')}.")
+    _print_exclusions(seen, n_synthetic=len(recordings) - len(test_recordings) - len(seen))
     page = write_page(
         report, scores, recordings=test_recordings, about={"Model": model, "Test": source}
     )
@@ -107,6 +100,26 @@ def evaluate(
     if isinstance(trained, FaultClassifier):
         result["confidence"] = None if confidence is None else confidence.to_dict()
     print_result({**result, "report": page}, as_json, show)
+
+
+def _print_exclusions(seen: Mapping[str, str], n_synthetic: int) -> None:
+    """Print which recordings were not scored.
+
+    Parameters
+    ----------
+    seen : recordings that the model was trained on, with their names at the training.
+    n_synthetic : number of synthetic recordings.
+    """
+    from swashtwin.recordings import describe_copies
+
+    if seen:
+        print_note(f"excluded: {plural(len(seen), 'recording')} that the model was trained on.")
+    for name, trained_name in seen.items():
+        if name != trained_name:
+            copy = describe_copies({name: trained_name})
+            print_note(f"excluded: {copy}, which the model was trained on.")
+    if n_synthetic:
+        print_note(f"excluded: {plural(n_synthetic, 'synthetic recording')}.")
 
 
 def _print_alarm_scores(scores: "AlarmScores") -> None:

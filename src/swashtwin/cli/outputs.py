@@ -162,9 +162,9 @@ def write_page(
         return None
 
     from swashtwin.foundation import write_text
-    from swashtwin.report import page_text, write_report
+    from swashtwin.report import render_page, write_report
 
     facts = {name: str(value) for name, value in about.items()}
     if target.suffix == ".html":
-        return write_text(target, page_text(*results, recordings=recordings, about=facts))
+        return write_text(target, render_page(*results, recordings=recordings, about=facts))
     return write_report(*results, folder=target, recordings=recordings, about=facts)

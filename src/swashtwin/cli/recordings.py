@@ -303,7 +303,7 @@ def split(
     Calibration is training too: use train.toml for calibrate, synthesize and train, and test.toml
     for evaluate.
     """
-    from swashtwin.recordings import load_recordings, narrow_index
+    from swashtwin.recordings import load_recordings, write_subset_index
 
     folder = out or (source if source.is_dir() else source.parent)
     paths = {name: folder / f"{name}.toml" for name in ("train", "test")}
@@ -315,7 +315,7 @@ def split(
     ids: dict[str, list[str]] = {}
     for (name, path), part in zip(paths.items(), parts, strict=True):
         ids[name] = sorted(part.recording_ids)
-        files[name] = narrow_index(source, recordings, ids[name], path)
+        files[name] = write_subset_index(source, recordings, ids[name], path)
 
     result = {
         "seed": seed,

@@ -99,19 +99,19 @@ class Shaft:
         """Return the shaft's angle, or None if no option specifies its source."""
         if self.tachometer is not None:
             from swashtwin.recordings import load_extra_channel
-            from swashtwin.signals import tachometer_speed
+            from swashtwin.signals import tachometer_angle
 
             channel, pulses = self._split_tachometer(recording)
             if channel not in recording.channels:
                 recording = load_extra_channel(recording, channel)
-            return tachometer_speed(recording, channel, pulses)
+            return tachometer_angle(recording, channel, pulses)
 
         orders = read_list(self.track, int, "--track")
         if orders is None:
             return None
-        from swashtwin.signals import tracked_speed
+        from swashtwin.signals import track_shaft_angle
 
-        return tracked_speed(recording, order=orders)
+        return track_shaft_angle(recording, order=orders)
 
     def vibration_of(self, recording: "Recording") -> "Recording":
         """Return the recording without the tachometer."""
@@ -232,7 +232,7 @@ def spectrum(
 ) -> None:
     """Draw an amplitude, envelope or order spectrum with the lines of shaft and pistons marked."""
     from swashtwin.foundation import write_text
-    from swashtwin.report import spectrum_drawing
+    from swashtwin.report import draw_spectrum
     from swashtwin.signals import spectrum_of
 
     svg_file = out or Path(f"{file.stem}_{kind.value}.svg")
@@ -252,14 +252,14 @@ def spectrum(
     vibration = shaft.vibration_of(recordings[0])
     angle = shaft.angle_of(recordings[0])
     lines = spectrum_of(vibration, kind.value, angle=angle, pistons=pistons, band=band_edges)
-    drawing = spectrum_drawing(lines)
+    drawing = draw_spectrum(lines)
     write_text(csv_file, drawing.csv)
     write_text(svg_file, drawing.svg)
 
     marks = [
         {
             "name": mark.name,
-            "at": mark.at,
+            "at": mark.position,
             "value": dict(zip(lines.channels, lines.at(mark).tolist(), strict=True)),
         }
         for mark in lines.marks
@@ -297,7 +297,7 @@ def _print_lines(lines: "LineSpectrum", title: str) -> None:
     print_table(
         f"{title}, at the expected lines",
         ("line", axis, *(f"{channel} [{unit}]" for channel in lines.channels)),
-        [(mark.name, mark.at, *lines.at(mark).tolist()) for mark in lines.marks],
+        [(mark.name, mark.position, *lines.at(mark).tolist()) for mark in lines.marks],
     )
 
 
@@ -337,7 +337,7 @@ def trend(
     pressure. No ISO zone is printed, because no standard covers axial piston pumps.
     """
     from swashtwin.foundation import write_text
-    from swashtwin.report import trend_drawing
+    from swashtwin.report import draw_trend
     from swashtwin.signals import trend_of
 
     csv_file = None if out is None else _require_figure(out, [source], force)
@@ -352,7 +352,7 @@ def trend(
         healthy=baseline or ("normal",),
     )
     if out is not None and csv_file is not None:
-        drawing = trend_drawing(result)
+        drawing = draw_trend(result)
         write_text(csv_file, drawing.csv)
         write_text(out, drawing.svg)
 
@@ -449,8 +449,8 @@ def _compute_indicators(
         Band,
         IndicatorTable,
         indicators_of,
-        long_indicators,
-        stacked,
+        stack_tables,
+        summarize_long_recording,
     )
 
     band_values = tuple(Band.parse(text) for text in bands or ()) or BANDS
@@ -471,7 +471,7 @@ def _compute_indicators(
         )
 
     def compute(recording: "Recording") -> tuple[Any, dict[str, str]]:
-        table = to_table(long_indicators(recording.unloaded(), describe))
+        table = to_table(summarize_long_recording(recording.unloaded(), describe))
         reason = refusals.get(recording.recording_id)
         return table, {} if reason is None else {recording.recording_id: reason}
 
@@ -485,7 +485,7 @@ def _compute_indicators(
         raise DataError(next(iter(refusals.values())))
     for reason in refusals.values():
         print_note(f"no orders: {reason}")
-    return stacked(tables)
+    return stack_tables(tables)
 
 
 def _resume_results(

@@ -75,11 +75,13 @@ def simulate(
     from swashtwin.calibration import load_calibration
     from swashtwin.physics import Twin
     from swashtwin.pump import SwashPlateDefect, load_pump, read_condition
-    from swashtwin.recordings import WRITABLE
+    from swashtwin.recordings import WRITABLE_SUFFIXES
 
     if count == 1:
-        require_output(out, suffixes=WRITABLE, inputs=[calibration, Path(pump)], force=force)
-    elif out.suffix in WRITABLE:
+        require_output(
+            out, suffixes=WRITABLE_SUFFIXES, inputs=[calibration, Path(pump)], force=force
+        )
+    elif out.suffix in WRITABLE_SUFFIXES:
         raise typer.BadParameter(
             "is a file, but several recordings require a folder.", param_hint="--out"
         )

@@ -271,13 +271,13 @@ def _train_detector(
 
 def _print_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> None:
     healthy = detector.fitted_
-    n_levels = len(detector.layout.levels)
+    n_band_powers = len(detector.layout.band_powers)
     result = {
         "model": out,
         "kind": "anomaly detector",
         "recordings": sorted(detector.manifest),
         "operating_points": len(healthy.points),
-        "levels": n_levels,
+        "band_powers": n_band_powers,
         "error_rate": detector.error_rate_,
         "notes": detector.notes_,
     }
@@ -286,7 +286,7 @@ def _print_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> No
         print_text(
             f"{out}: anomaly detector trained on "
             f"{plural(healthy.n_recordings, 'healthy recording')} at "
-            f"{plural(len(healthy.points), 'operating point')}, {n_levels} band powers, "
+            f"{plural(len(healthy.points), 'operating point')}, {n_band_powers} band powers, "
             f"false-alarm rate {detector.error_rate_:g}"
         )
         for text in detector.notes_:
@@ -343,9 +343,9 @@ def _print_choice(choice: "Choice") -> None:
     """Print the candidates that were compared by cross-validation, and which one was selected."""
     rows: list[tuple[object, ...]] = []
     for trial in choice.trials:
-        mark = "selected" if trial.candidate == choice.chosen else ""
+        mark = "selected" if trial.candidate == choice.candidate else ""
         rows.append((trial.candidate, trial.clean, trial.disturbed, mark))
-    for name, recall in choice.whole.items():
+    for name, recall in choice.head_recalls.items():
         rows.append((f"whole recordings: {name}", recall, None, ""))
 
     if rows:

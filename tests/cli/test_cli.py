@@ -126,7 +126,7 @@ def test_train_refuses_to_test_on_a_recording_behind_the_synthetic_windows(
         *TINY,
         code=3,
     )
-    assert "split first" in one_line(result)
+    assert "Split the recordings first" in one_line(result)
     assert not out.exists()
 
 

@@ -54,7 +54,7 @@ def test_the_advice_about_another_rate_works_as_printed(folder: Path, tmp_path: 
     file = write_tone(tmp_path / "fast.csv", 300, count=1200, rate=4000)
     words = ("diagnose", folder / "m.safetensors", file, "--sample-rate", "4 kHz", "--unit", "g")
     refused = run(*words, code=3)
-    advice = 'if 4000 Hz is right, add --resample "2000 Hz", or else correct --sample-rate'
+    advice = 'If 4000 Hz is right, set --resample "2000 Hz"; otherwise correct --sample-rate'
     assert advice in refused.stdout + refused.stderr
     answer = run_json(*words, "--resample", "2000 Hz")
     assert answer["diagnoses"][0]["label"] in ("normal", "piston")
@@ -85,7 +85,7 @@ def test_calibrate_takes_a_bare_file_at_the_operating_point_of_its_options(
     )
     assert (tmp_path / "c.json").is_file()
     two = ("--speed", "860 rpm", "--pressure", "15 MPa", "--pressure", "10 MPa")
-    assert "is one recording, at one pressure" in message(*words, *two)
+    assert "is one recording" in message(*words, *two)
 
 
 def test_a_recording_in_place_of_an_index_is_named(folder: Path) -> None:

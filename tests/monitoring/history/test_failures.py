@@ -17,7 +17,7 @@ from judgments import START, judgment, waveform
 from sqlalchemy import event, text
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.monitoring.history import database
+from swashtwin.monitoring.history import waveforms
 from swashtwin.monitoring.history.database import HistoryError, _open_engine
 from swashtwin.monitoring.history.history import History
 
@@ -92,7 +92,7 @@ def test_a_writer_killed_at_random_moments_loses_nothing_and_files_nothing_twice
     start(file_recordings, history_url, tmp_path, "pump-1", count).join(120)
     _is_consistent(history, "pump-1", count)
     assert history.outbox.waiting(["log"]) == count
-    monkeypatch.setattr("swashtwin.monitoring.history.database._AGE", -1)
+    monkeypatch.setattr("swashtwin.monitoring.history.waveforms.MIN_ORPHAN_AGE_S", -1)
     history.waveforms.sweep()
     rows = [
         history.waveforms.folder / item.waveform
@@ -135,7 +135,7 @@ def test_a_claimed_message_is_due_again_after_its_lease(
         {"now": classmethod(lambda _, zone: datetime.now(zone) + timedelta(days=400))},
     )
     with monkeypatch.context() as patch:  # a clock that is set back later keeps no message waiting
-        patch.setattr("swashtwin.monitoring.history.history.datetime", ahead)
+        patch.setattr("swashtwin.monitoring.history.outbox.datetime", ahead)
         (message,) = history.outbox.claim(["log"])
     (message,) = history.outbox.claim(["log"])
     assert (message.channel, message.body, message.alarm, message.attempts) == (
@@ -146,9 +146,9 @@ def test_a_claimed_message_is_due_again_after_its_lease(
     )
     assert history.outbox.claim(["log"]) == []
     assert history.outbox.waiting(["mail"]) == 0
-    history.outbox.mark_failed(message.id, "no route", again_in=0)
+    history.outbox.mark_failed(message.id, "no route", delay=0)
     assert history.outbox.claim(["mail"]) == ()
-    monkeypatch.setattr("swashtwin.monitoring.history.history._LEASE", timedelta(0))
+    monkeypatch.setattr("swashtwin.monitoring.history.outbox.LEASE", timedelta(0))
     (again,) = history.outbox.claim(["log"])
     assert (again.id, again.attempts, again.error) == (message.id, 3, "no route")
     (dead,) = history.outbox.claim(["log"])
@@ -274,7 +274,7 @@ def test_a_waveform_that_another_watch_removes_while_it_is_written_is_written_ag
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     history = History.open("", tmp_path)
-    flush, removed = database._flush, []
+    flush, removed = waveforms._flush, []
 
     def flush_late(path: Path) -> None:
         if not removed:
@@ -282,7 +282,7 @@ def test_a_waveform_that_another_watch_removes_while_it_is_written_is_written_ag
             path.unlink()
         flush(path)
 
-    monkeypatch.setattr(database, "_flush", flush_late)
+    monkeypatch.setattr(waveforms, "_flush", flush_late)
     facts = judgment(0)
     path = history.waveforms.write("pump-1", facts.time, facts.content, waveform(0))
     assert removed == [tmp_path / "waveforms" / path]

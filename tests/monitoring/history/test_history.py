@@ -151,7 +151,7 @@ def test_a_rejection_of_the_same_content_is_counted_and_all_are_bounded(
     assert (last.times, last.received, last.machine) == (3, START + timedelta(hours=2), "pump-1")
     assert (first.times, first.machine, first.copy) == (1, "", "b.wav")
     assert history.reader.rejections_by_reason() == {"double": 3, "broken": 1}
-    monkeypatch.setattr("swashtwin.monitoring.history.history._REJECTIONS", 5)
+    monkeypatch.setattr("swashtwin.monitoring.history.history.MAX_REJECTIONS", 5)
     for number in range(9):
         history.reject(rejection(f"{number}.wav", str(number)))
         history.reject(rejection("again.wav", "again"))
@@ -202,6 +202,6 @@ def test_sweeping_removes_old_files_that_no_recording_has(
     with history.machine("pump-1") as transaction:
         transaction.add_recording(judgment(1), waveform=paths[0])
     assert history.waveforms.sweep() == 0
-    monkeypatch.setattr("swashtwin.monitoring.history.database._AGE", -1)
+    monkeypatch.setattr("swashtwin.monitoring.history.waveforms.MIN_ORPHAN_AGE_S", -1)
     assert history.waveforms.sweep() == 1
     assert [(history.waveforms.folder / path).is_file() for path in paths] == [True, False]

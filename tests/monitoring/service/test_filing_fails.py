@@ -76,7 +76,7 @@ def file_all(
             patch.setattr(os, "fsync", failure.before(os.fsync))
         else:
             patch.setattr(
-                "swashtwin.monitoring.history.database.write_store", failure.before(_write_store())
+                "swashtwin.monitoring.history.waveforms.write_store", failure.before(_write_store())
             )
             patch.setattr(
                 "swashtwin.monitoring.sources.spool._write", failure.before(_spool_write())
@@ -112,9 +112,9 @@ def repeat(action: Callable[[], Any]) -> Any:
 
 
 def _write_store() -> Callable[..., Any]:
-    from swashtwin.monitoring.history import database
+    from swashtwin.monitoring.history import waveforms
 
-    return database.write_store
+    return waveforms.write_store
 
 
 def _spool_write() -> Callable[..., Any]:

@@ -1,15 +1,8 @@
-"""Where the history is kept: its database, with one error for all that may befall it, and the
-waveforms beside it.
-"""
+"""The database of the history, with one error for all failures that may be temporary."""
 
-import errno
-import os
 import sqlite3
-import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
-from itertools import islice
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,37 +17,51 @@ from swashtwin.foundation import (
     MissingFileError,
     SwashTwinError,
     require_modules,
-    safe_file_name,
 )
-from swashtwin.monitoring.history.schema import Judgment, Machine, Row, Version
-from swashtwin.recordings import Recording, load_recordings, write_store
+from swashtwin.monitoring.history.schema import Machine, Row, Version
 
-FILE = "history.sqlite"
+SQLITE_FILE = "history.sqlite"
 """Name of the SQLite database in the watch's folder."""
-VERSION = 1
+SCHEMA_VERSION = 1
 """Version of the tables."""
-_WAIT = 30
-"""Seconds that a transaction waits for another one."""
-_LOCK = 0x73776173
-"""Number under which PostgreSQL lets one process at a time make the tables."""
-_MISTAKES = (exc.DataError, exc.IntegrityError, exc.ProgrammingError, exc.NotSupportedError)
+LOCK_TIMEOUT_S = 30
+"""Time that a transaction waits for another one, and for a connection."""
+CONNECT_TIMEOUT_S = 5
+"""Time for a connection to PostgreSQL."""
+IDLE_TIMEOUT_S = 300
+"""Time after which PostgreSQL ends a transaction in which nothing happens: the watch that began it
+was cut off, and its lock would keep out all others.
+"""
+N_CONNECTIONS = 8
+"""Connections to PostgreSQL: threads of the watch, and requests to the page."""
+_SCHEMA_LOCK = 0x73776173
+"""Number of the lock under which one process at a time creates the tables in PostgreSQL ("swas")."""
+_PROGRAM_ERRORS = (
+    exc.DataError,
+    exc.IntegrityError,
+    exc.ProgrammingError,
+    exc.NotSupportedError,
+)
 """Errors of a program; every other error of a database may be gone at the next attempt."""
 
 
 class HistoryError(SwashTwinError):
-    """The database of the history cannot be reached, is full, locked or damaged; what was begun was
-    not done.
+    """The database of the history cannot be reached, or is full, locked or damaged.
+
+    The transaction was undone.
     """
 
 
 class Database:
-    """The tables in SQLite or PostgreSQL, used from any thread; what befalls them is a
-    `HistoryError`.
+    """The tables in SQLite or PostgreSQL, used from any thread.
+
+    Its failures are raised as `HistoryError`.
     """
 
     def __init__(self, url: str, folder: Path, *, is_new: bool = True) -> None:
-        """Open the database at `url`, or the SQLite file in `folder` where it is empty, and raise
-        as `History.open`.
+        """Open the database at `url`, or the SQLite file in `folder` if `url` is empty.
+
+        The errors are those of `History.open`.
         """
         self._engine = _open_engine(url, folder, is_new=is_new)
         self._writer = self._engine.execution_options(is_write=True)
@@ -70,78 +77,104 @@ class Database:
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
-        """Session whose transaction only reads."""
-        with _one_error(), Session(self._engine, autoflush=False) as session:
+        """Yield a session whose transaction only reads."""
+        with _history_errors(), Session(self._engine, autoflush=False) as session:
             yield session
 
     @contextmanager
     def writing(self) -> Iterator[Session]:
-        """Session whose transaction is committed at the end of the block, or undone by an error."""
+        """Yield a session whose transaction is committed at the end, or undone by an error."""
         with (
-            _one_error(),
+            _history_errors(),
             Session(self._writer, expire_on_commit=False) as session,
             session.begin(),
         ):
             yield session
 
     def _prepare(self, is_new: bool) -> None:
+        """Create the tables, or check those that exist."""
         with self.writing() as session:
             connection = session.connection()
             if self._engine.dialect.name == "postgresql":
-                session.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
-            present = set(inspect(connection).get_table_names())
-            if Version.__tablename__ in present:
-                version = session.scalars(select(Version.version)).one()
-                if version != VERSION:
-                    raise DataError(
-                        f"the history is of version {version}, this swashtwin reads version {VERSION}; use the "
-                        "swashtwin that made it, or give the watch a new folder."
-                    )
+                lock = text("SELECT pg_advisory_xact_lock(:lock)")
+                session.execute(lock, {"lock": _SCHEMA_LOCK})
+
+            present_tables = set(inspect(connection).get_table_names())
+            if Version.__tablename__ in present_tables:
+                _require_version(session.scalars(select(Version.version)).one())
                 return
             if not is_new:
-                raise DataError("the database has no history yet; a watch makes it.")
-            if others := present & set(Row.metadata.tables):
+                raise DataError("the database has no history yet; the watch creates it.")
+            foreign_tables = present_tables & set(Row.metadata.tables)
+            if foreign_tables:
                 raise DataError(
-                    f"the database has tables of another program ({', '.join(sorted(others))}); "
-                    "give the history a database of its own."
+                    "the database has tables of another program "
+                    f"({', '.join(sorted(foreign_tables))}); use a separate database for the "
+                    "history."
                 )
             Row.metadata.create_all(connection)
-            session.add_all([Version(version=VERSION), Machine(name="", sequence=0)])
+            # The machine without a name counts rejections of unknown machines.
+            session.add_all([Version(version=SCHEMA_VERSION), Machine(name="", sequence=0)])
+
+
+def _require_version(version: int) -> None:
+    if version != SCHEMA_VERSION:
+        raise DataError(
+            f"the history has version {version}, but this swashtwin reads version "
+            f"{SCHEMA_VERSION}. Use the swashtwin that created it, or a new folder for the watch."
+        )
 
 
 def lock_machine(session: Session, name: str) -> None:
-    """Lock a machine until the transaction ends, and file it if it is new."""
+    """Lock a machine until the transaction ends, and add it if it is new."""
     lock = text("UPDATE machines SET sequence = sequence + 1 WHERE name = :name RETURNING name")
-    if session.execute(lock, {"name": name}).first() is None:
-        new = text("INSERT INTO machines (name, sequence) VALUES (:name, 0) ON CONFLICT DO NOTHING")
-        session.execute(new, {"name": name})
-        session.execute(lock, {"name": name})
+    if session.execute(lock, {"name": name}).first() is not None:
+        return
+
+    # Another process may add the machine at the same moment.
+    insert = text("INSERT INTO machines (name, sequence) VALUES (:name, 0) ON CONFLICT DO NOTHING")
+    session.execute(insert, {"name": name})
+    session.execute(lock, {"name": name})
 
 
 def _open_engine(url: str, folder: Path, *, is_new: bool) -> Engine:
     try:
-        address = make_url(url) if url else URL.create("sqlite", database=str(folder / FILE))
+        address = make_url(url) if url else URL.create("sqlite", database=str(folder / SQLITE_FILE))
     except exc.ArgumentError as cause:
-        raise InputError("history is no URL; write postgresql://user@host/database.") from cause
-    if address.get_backend_name() == "sqlite":
-        return _sqlite_engine(address, is_new)
-    if address.get_backend_name() not in ("postgresql", "postgres"):
         raise InputError(
-            f"history begins with {address.drivername}://; the history is kept in postgresql:// or sqlite://."
+            "history is not a valid URL; write postgresql://user@host/database."
+        ) from cause
+
+    backend = address.get_backend_name()
+    if backend == "sqlite":
+        return _sqlite_engine(address, is_new)
+    if backend not in ("postgresql", "postgres"):
+        raise InputError(
+            f"history begins with {address.drivername}://; it must begin with postgresql:// or "
+            "sqlite://."
         )
+    return _postgresql_engine(address)
+
+
+def _postgresql_engine(address: URL) -> Engine:
     require_modules("psycopg", extra="postgresql", need="PostgreSQL")
+    server_options = {
+        "timezone": "UTC",
+        "lock_timeout": f"{LOCK_TIMEOUT_S}s",
+        "idle_in_transaction_session_timeout": f"{IDLE_TIMEOUT_S}s",
+    }
     return create_engine(
         address.set(drivername="postgresql+psycopg"),
         json_serializer=json_text,
-        pool_size=8,
-        pool_timeout=_WAIT,
+        pool_size=N_CONNECTIONS,
+        pool_timeout=LOCK_TIMEOUT_S,
         pool_pre_ping=True,
         connect_args={
-            "connect_timeout": 5,
-            "keepalives_idle": _WAIT,
-            "tcp_user_timeout": 1000 * _WAIT,
+            "connect_timeout": CONNECT_TIMEOUT_S,
+            "keepalives_idle": LOCK_TIMEOUT_S,
+            "tcp_user_timeout": 1000 * LOCK_TIMEOUT_S,
             "application_name": "swashtwin",
-            "options": f"-c timezone=UTC -c lock_timeout={_WAIT}s -c idle_in_transaction_session_timeout=300s",
+            "options": " ".join(f"-c {name}={value}" for name, value in server_options.items()),
         },
     )
 
@@ -149,20 +182,22 @@ def _open_engine(url: str, folder: Path, *, is_new: bool) -> Engine:
 def _sqlite_engine(address: URL, is_new: bool) -> Engine:
     file = Path(address.database or "")
     if not is_new and not file.is_file():
-        raise MissingFileError(f"{file} does not exist; a watch makes it.")
+        raise MissingFileError(f"{file} does not exist; the watch creates it.")
     file.parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(address, json_serializer=json_text, connect_args={"timeout": _WAIT})
+    engine = create_engine(
+        address, json_serializer=json_text, connect_args={"timeout": LOCK_TIMEOUT_S}
+    )
 
     @event.listens_for(engine, "connect")
     def prepare(connection: sqlite3.Connection, _: object) -> None:
-        connection.isolation_level = (
-            None  # transactions begin where `begin` below says, not where the driver guesses
-        )
+        # Transactions begin in `begin` below, not when the driver guesses.
+        connection.isolation_level = None
         for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
+        # A writer locks at once: a lock that is taken later may fail when another has written.
         is_write = connection.get_execution_options().get("is_write", False)
         connection.exec_driver_sql("BEGIN IMMEDIATE" if is_write else "BEGIN")
 
@@ -170,10 +205,11 @@ def _sqlite_engine(address: URL, is_new: bool) -> Engine:
 
 
 @contextmanager
-def _one_error() -> Iterator[None]:
+def _history_errors() -> Iterator[None]:
+    """Raise failures of the database as `HistoryError`."""
     try:
         yield
-    except _MISTAKES:
+    except _PROGRAM_ERRORS:
         raise
     except (exc.DatabaseError, exc.InterfaceError, exc.TimeoutError) as cause:
         reason = " ".join(str(getattr(cause, "orig", None) or cause).split())
@@ -181,7 +217,7 @@ def _one_error() -> Iterator[None]:
 
 
 def json_text(value: Any) -> str:
-    """`value` as JSON: arrays as lists, numbers that are not finite as null.
+    """Return `value` as JSON: arrays as lists, numbers that are not finite as null.
 
     Examples
     --------
@@ -189,84 +225,3 @@ def json_text(value: Any) -> str:
     '{"a":[0,1],"b":null}'
     """
     return msgspec.json.encode(value, enc_hook=lambda array: array.tolist()).decode()
-
-
-_AGE = 3600
-"""Seconds after which a file without a row belongs to no transaction that is still going on."""
-
-_BATCH = 500
-"""Files that are looked up at a time."""
-
-
-class Waveforms:
-    """Files of the samples of recordings, by machine and month."""
-
-    def __init__(self, folder: Path, database: Database) -> None:
-        self.folder = folder
-        self._database = database
-
-    def write(self, machine: str, moment: datetime, content: str, recording: Recording) -> str:
-        """Path below the folder, after the samples are on the disk for good; a file of the same
-        content is replaced.
-
-        The file has no meaning before `MachineTransaction.add_recording` takes its path; `sweep`
-        removes it if that never happens.
-
-        Raises
-        ------
-        OSError
-            The disk is full.
-        """
-        moment = moment.astimezone(UTC)
-        name = f"{moment:%Y%m%dT%H%M%S}_{safe_file_name(content)[:16]}.h5"
-        relative = f"{safe_file_name(machine)}/{moment:%Y-%m}/{name}"
-        path = self.folder / relative
-        while True:
-            try:
-                write_store([recording], path)
-            except InputError as cause:  # too little space, which a later attempt may have
-                raise OSError(errno.ENOSPC, str(cause)) from cause
-            with suppress(
-                FileNotFoundError
-            ):  # another watch had filed the same recording, and has just removed it
-                _flush(path)
-                break
-        _flush(path.parent)
-        return relative
-
-    def read(self, relative: str | Path) -> Recording | None:
-        """The recording of a path that `write` gave, or None where the file is gone."""
-        path = self.folder / relative
-        return load_recordings(path)[0] if path.is_file() else None
-
-    def remove(self, paths: Iterable[str]) -> None:
-        """Remove files; one that is gone, or that cannot be removed now, is left to `sweep`."""
-        for relative in paths:
-            with suppress(OSError):
-                (self.folder / relative).unlink(missing_ok=True)
-
-    def sweep(self) -> int:
-        """How many files were removed because no recording has them; those of the last hour
-        stay.
-        """
-        limit = time.time() - _AGE
-        files = (path for path in self.folder.rglob("*.h5") if path.stat().st_mtime < limit)
-        count = 0
-        while batch := [path.relative_to(self.folder).as_posix() for path in islice(files, _BATCH)]:
-            with self._database.reading() as session:
-                orphans = set(batch) - set(
-                    session.scalars(select(Judgment.waveform).where(Judgment.waveform.in_(batch)))
-                )
-            self.remove(orphans)
-            count += len(orphans)
-        return count
-
-
-def _flush(path: Path) -> None:
-    if os.name == "nt" and path.is_dir():
-        return  # Windows opens no folder
-    file = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)

@@ -1,4 +1,4 @@
-"""What the page and other readers ask of the history."""
+"""What the page and other readers need of the history."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 from sqlalchemy import ColumnElement, Select, func, select
+from sqlalchemy.orm import Session
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.history.database import Database, Waveforms
+from swashtwin.monitoring.history.database import Database
 from swashtwin.monitoring.history.schema import (
     Alarm,
     Baseline,
@@ -25,51 +26,61 @@ from swashtwin.monitoring.history.schema import (
     Silence,
     Tally,
 )
+from swashtwin.monitoring.history.waveforms import Waveforms
 from swashtwin.recordings import Recording
 
-TREND_COLUMNS = ("alarm_p", "capital", "probability", "confidence", "ood_p", "speed", "pressure")
+TREND_COLUMNS = (
+    "alarm_p",
+    "capital",
+    "probability",
+    "confidence",
+    "ood_p",
+    "speed",
+    "pressure",
+)
 """Columns of recordings that have a trend; their channel is empty."""
-
-_SEARCH = 200
-"""Newest recordings of a state among which healthy ones are looked for."""
+N_SEARCHED_RECORDINGS = 200
+"""Newest recordings of a state among which healthy ones are searched."""
+FLOAT_BYTES = 4
+"""Bytes of one packed indicator (float32)."""
 Names = tuple[tuple[str, str], ...]
 """Channel and name of each indicator."""
 
 
 @dataclass(frozen=True)
 class MachineOverview:
-    """One machine at a glance."""
+    """Summary of one machine."""
 
     name: str
-    """Name."""
+    """Name of the machine."""
     recordings: int = 0
-    """How many recordings it has."""
+    """Number of its recordings."""
     last: Judgment | None = None
-    """The newest by time of measurement."""
+    """Newest recording by time of measurement."""
     alarms: Sequence[Alarm] = ()
     """Alarms that are not closed."""
     silenced: datetime | None = None
-    """Until when it is silent, or None."""
+    """End of its silence; None if it is not silenced."""
     maintained: datetime | None = None
-    """When its newest maintenance was noted, or None."""
+    """Time of its newest maintenance, or None."""
 
 
 @dataclass(frozen=True)
 class Trend:
-    """One indicator of a machine over time, oldest first."""
+    """One indicator of a machine over time, oldest value first."""
 
     ids: Int[np.ndarray, " recording"]
-    """Recordings."""
+    """Numbers of the recordings."""
     times: Shaped[np.ndarray, " recording"]
-    """When they were measured, as datetime64 in UTC."""
+    """Times of measurement, as datetime64 in UTC."""
     values: Float[np.ndarray, " recording"]
-    """The indicator; NaN where a recording has none."""
+    """Values of the indicator; NaN if a recording has none."""
 
 
 class HistoryReader:
-    """Reads of the history, each in a transaction of its own.
+    """Reads the history, each time in a separate transaction.
 
-    Every method raises `HistoryError` where the database cannot be read.
+    Every method raises `HistoryError` if the database cannot be read.
     """
 
     def __init__(self, database: Database, waveforms: Waveforms) -> None:
@@ -81,37 +92,34 @@ class HistoryReader:
             return session.scalars(query).all()
 
     def sequence(self) -> int:
-        """A number that grows with each change of the history."""
+        """Return a number that grows with each change of the history."""
         return int(self._all(select(func.sum(Machine.sequence)))[0])
 
     def machines(self) -> Sequence[MachineOverview]:
-        """Each machine at a glance, by name."""
-        latest = select(Machine.name, Judgment).outerjoin(Judgment, Judgment.id == Machine.last)
-        tallies = select(Tally.machine, func.sum(Tally.recordings)).group_by(Tally.machine)
-        open_alarms = select(Alarm).where(Alarm.closed.is_(None)).order_by(Alarm.id)
-        now = datetime.now(UTC)
-        silences = select(Silence.machine, func.max(Silence.until)).where(
-            Silence.since <= now, Silence.until > now
+        """Return a summary of each machine, by name."""
+        newest_recordings = (
+            select(Machine.name, Judgment)
+            .outerjoin(Judgment, Judgment.id == Machine.last)
+            .where(Machine.name != "")
+            .order_by(Machine.name)
         )
-        events = select(Event.machine, func.max(Event.time)).where(Event.kind == "maintenance")
         with self._database.reading() as session:
-            counts = dict(session.execute(tallies).all())
-            silenced = dict(session.execute(silences.group_by(Silence.machine)).all())
-            maintained = dict(session.execute(events.group_by(Event.machine)).all())
-            alarms: dict[str, list[Alarm]] = defaultdict(list)
-            for alarm in session.scalars(open_alarms):
-                alarms[alarm.machine].append(alarm)
-            rows = session.execute(latest.where(Machine.name != "").order_by(Machine.name)).all()
+            counts = _recording_counts(session)
+            silence_ends = _silence_ends(session)
+            maintenance_times = _maintenance_times(session)
+            alarms = _alarms_not_closed(session)
+            rows = session.execute(newest_recordings).all()
+
         return [
             MachineOverview(
-                name,
-                int(counts.get(name, 0)),
-                last,
-                tuple(alarms[name]),
-                silenced.get(name),
-                maintained.get(name),
+                name=name,
+                recordings=int(counts.get(name, 0)),
+                last=newest_recording,
+                alarms=tuple(alarms[name]),
+                silenced=silence_ends.get(name),
+                maintained=maintenance_times.get(name),
             )
-            for name, last in rows
+            for name, newest_recording in rows
         ]
 
     def recordings(
@@ -125,75 +133,70 @@ class HistoryReader:
         before: int | None = None,
         limit: int = 100,
     ) -> Sequence[Judgment]:
-        """Recordings, newest first by time of measurement.
+        """Return recordings, newest first by time of measurement.
 
         Parameters
         ----------
         since : earliest time of measurement.
-        until : time of measurement from which on recordings are left out.
-        before : number of a recording: the next older ones follow.
+        until : end of the times of measurement, which is excluded.
+        before : number of a recording; only older ones are returned.
         """
-        query = select(Judgment).where(*_within(machine, point, since, until))
+        query = select(Judgment).where(*_filters(machine, point, since, until))
         if state is not None:
             query = query.where(Judgment.state == state)
         if before is not None:
             time = select(Judgment.time).where(Judgment.id == before).scalar_subquery()
-            query = query.where(
-                (Judgment.time < time) | ((Judgment.time == time) & (Judgment.id < before))
-            )
+            has_same_time = (Judgment.time == time) & (Judgment.id < before)
+            query = query.where((Judgment.time < time) | has_same_time)
         return self._all(query.order_by(Judgment.time.desc(), Judgment.id.desc()).limit(limit))
 
     def recording(self, number: int) -> Judgment | None:
-        """Recording of that number, or None."""
+        """Return the recording with that number, or None."""
         with self._database.reading() as session:
             return session.get(Judgment, number)
 
     def healthy_files(self, judgment: Judgment, limit: int) -> dict[int, str]:
-        """Healthy recordings at the operating point of another, those of the baseline first, with
-        their waveforms.
+        """Return the waveforms of healthy recordings at the operating point of a recording.
+
+        Those of the baseline come first, and the recording itself is excluded.
         """
         files: dict[int, str] = {}
         for state in ("learning", "normal"):
-            others = self.recordings(
-                judgment.machine, point=judgment.point, state=state, limit=_SEARCH
+            candidates = self.recordings(
+                judgment.machine, point=judgment.point, state=state, limit=N_SEARCHED_RECORDINGS
             )
-            files |= {
-                other.id: other.waveform
-                for other in others
-                if other.waveform and other.id != judgment.id
-            }
+            for candidate in candidates:
+                if candidate.waveform and candidate.id != judgment.id:
+                    files[candidate.id] = candidate.waveform
         return dict(list(files.items())[:limit])
 
     def later_recording(self, number: int) -> int | None:
-        """Number of the recording of the same machine that was measured next, or None."""
-        this = select(Judgment.machine, Judgment.time).where(Judgment.id == number).subquery()
+        """Return the number of the recording that the machine measured next, or None."""
+        current = select(Judgment.machine, Judgment.time).where(Judgment.id == number).subquery()
+        has_same_time = (Judgment.time == current.c.time) & (Judgment.id > number)
         query = (
             select(Judgment.id)
-            .join(this, Judgment.machine == this.c.machine)
-            .where(
-                (Judgment.time > this.c.time)
-                | ((Judgment.time == this.c.time) & (Judgment.id > number))
-            )
+            .join(current, Judgment.machine == current.c.machine)
+            .where((Judgment.time > current.c.time) | has_same_time)
             .order_by(Judgment.time, Judgment.id)
             .limit(1)
         )
         return next(iter(self._all(query)), None)
 
     def waveform(self, number: int) -> Recording | None:
-        """Samples of a recording, or None where they are not kept."""
+        """Return the samples of a recording; None if they were not kept."""
         stored = self.recording(number)
-        return (
-            None
-            if stored is None or stored.waveform is None
-            else self._waveforms.read(stored.waveform)
-        )
+        if stored is None or stored.waveform is None:
+            return None
+        return self._waveforms.read(stored.waveform)
 
     def indicator_names(self, machine: str) -> Names:
-        """Channel and name of each indicator that recordings of the machine have."""
-        layouts = self._all(
-            select(Layout.names).where(Layout.machine == machine).order_by(Layout.id.desc())
-        )
-        return tuple({(channel, name): None for names in layouts for channel, name in names})
+        """Return channel and name of each indicator that recordings of the machine have."""
+        query = select(Layout.names).where(Layout.machine == machine).order_by(Layout.id.desc())
+        unique_names: dict[tuple[str, str], None] = {}
+        for names in self._all(query):
+            unique_names.update(dict.fromkeys((channel, name) for channel, name in names))
+        return tuple(unique_names)
 
     def trend(
         self,
@@ -206,49 +209,54 @@ class HistoryReader:
         until: datetime | None = None,
         limit: int = 5000,
     ) -> Trend:
-        """An indicator over time: its newest `limit` values, oldest first.
+        """Return an indicator over time: its newest `limit` values, oldest first.
 
         Parameters
         ----------
-        channel : empty for facts of the whole recording: ``alarm_p``, ``capital``, ``probability``,
-            ``confidence``, ``ood_p``, ``speed`` [rad/s], ``pressure`` [Pa].
+        channel : channel of the indicator; empty for columns of the whole recording, which are
+            ``alarm_p``, ``capital``, ``probability``, ``confidence``, ``ood_p``, ``speed`` [rad/s]
+            and ``pressure`` [Pa].
         """
-        queries: list[Select[Any]] = []
         if channel == "":
-            if name not in TREND_COLUMNS:
-                raise InputError(f"{name!r} has no trend; {', '.join(TREND_COLUMNS)} have one.")
-            queries = [select(Judgment.id, Judgment.time, getattr(Judgment, name))]
+            queries = [_column_query(name)]
         else:
-            for layout in self._all(select(Layout).where(Layout.machine == machine)):
-                if [channel, name] in layout.names:
-                    value = func.substr(
-                        Indicators.values, 4 * layout.names.index([channel, name]) + 1, 4
-                    )
-                    query = select(Judgment.id, Judgment.time, value).where(
-                        Indicators.layout == layout.id
-                    )
-                    queries.append(query.join(Indicators, Indicators.recording == Judgment.id))
-        results: list[Any] = []
+            queries = self._indicator_queries(machine, channel, name)
+
+        rows: list[Any] = []
         with self._database.reading() as session:
             for query in queries:
-                newest = query.where(*_within(machine, point, since, until))
-                newest = newest.order_by(Judgment.time.desc(), Judgment.id.desc()).limit(limit)
-                results += session.execute(newest)
-        results = sorted(results, key=lambda row: (row[1], row[0]))[-limit:]
+                newest = (
+                    query.where(*_filters(machine, point, since, until))
+                    .order_by(Judgment.time.desc(), Judgment.id.desc())
+                    .limit(limit)
+                )
+                rows += session.execute(newest)
+
+        rows = sorted(rows, key=lambda row: (row[1], row[0]))[-limit:]
         return Trend(
-            np.array([number for number, _, _ in results], np.int64),
-            np.array([time.replace(tzinfo=None) for _, time, _ in results], "datetime64[us]"),
-            np.array(
-                [
-                    np.frombuffer(value, "<f4")[0] if isinstance(value, bytes) else value
-                    for *_, value in results
-                ],
-                float,
-            ),
+            ids=np.array([number for number, _, _ in rows], np.int64),
+            times=np.array([time.replace(tzinfo=None) for _, time, _ in rows], "datetime64[us]"),
+            values=np.array([_unpack(value) for _, _, value in rows], float),
         )
 
+    def _indicator_queries(self, machine: str, channel: str, name: str) -> list[Select[Any]]:
+        """Return a query for each layout of the machine that has the indicator."""
+        queries = []
+        for layout in self._all(select(Layout).where(Layout.machine == machine)):
+            if [channel, name] not in layout.names:
+                continue
+            # The database cuts the value out of the packed ones, so that few bytes are read.
+            start = FLOAT_BYTES * layout.names.index([channel, name]) + 1
+            value = func.substr(Indicators.values, start, FLOAT_BYTES)
+            queries.append(
+                select(Judgment.id, Judgment.time, value)
+                .where(Indicators.layout == layout.id)
+                .join(Indicators, Indicators.recording == Judgment.id)
+            )
+        return queries
+
     def operating_points(self, machine: str) -> Sequence[OperatingPointRow]:
-        """Operating points of a machine by name, without what was learned there, which is large."""
+        """Return the operating points of a machine by name, without their large baselines."""
         return self._all(
             select(OperatingPointRow)
             .where(OperatingPointRow.machine == machine)
@@ -256,7 +264,7 @@ class HistoryReader:
         )
 
     def baseline(self, machine: str, point: str) -> dict[str, Any] | None:
-        """What the alarm learned at an operating point, or None."""
+        """Return the baseline of an operating point, or None."""
         query = select(Baseline.baseline).where(
             Baseline.machine == machine, Baseline.point == point
         )
@@ -265,48 +273,99 @@ class HistoryReader:
     def alarms(
         self, machine: str | None = None, *, state: str | None = None, limit: int = 100
     ) -> Sequence[Alarm]:
-        """Alarms of a machine or of all, latest first."""
+        """Return alarms of a machine or of all machines, latest first."""
         query = select(Alarm).order_by(Alarm.id.desc()).limit(limit)
-        query = query if machine is None else query.where(Alarm.machine == machine)
-        return self._all(query if state is None else query.where(Alarm.state == state))
+        if machine is not None:
+            query = query.where(Alarm.machine == machine)
+        if state is not None:
+            query = query.where(Alarm.state == state)
+        return self._all(query)
 
     def alarm(self, number: int) -> Alarm | None:
-        """Alarm of that number, or None."""
+        """Return the alarm with that number, or None."""
         with self._database.reading() as session:
             return session.get(Alarm, number)
 
     def events(self, machine: str | None = None, limit: int = 100) -> Sequence[Event]:
-        """Events of a machine or of all, latest first."""
+        """Return events of a machine or of all machines, latest first."""
         query = select(Event).order_by(Event.time.desc(), Event.id.desc()).limit(limit)
-        return self._all(query if machine is None else query.where(Event.machine == machine))
+        if machine is not None:
+            query = query.where(Event.machine == machine)
+        return self._all(query)
 
     def rejections(self, limit: int = 100) -> Sequence[Rejection]:
-        """Deliveries that became no recording, latest first."""
+        """Return deliveries that were rejected, latest first."""
         return self._all(
             select(Rejection).order_by(Rejection.received.desc(), Rejection.id.desc()).limit(limit)
         )
 
     def recordings_by_state(self) -> dict[tuple[str, str], int]:
-        """How many recordings there are by machine and state; it costs the same however long the
-        history is.
+        """Return the number of recordings by machine and state.
+
+        The query costs the same however long the history is.
         """
-        return {
-            (tally.machine, tally.state): tally.recordings for tally in self._all(select(Tally))
-        }
+        tallies = self._all(select(Tally))
+        return {(tally.machine, tally.state): tally.recordings for tally in tallies}
 
     def rejections_by_reason(self) -> dict[str, int]:
-        """Deliveries among the newest rejections by reason."""
+        """Return the number of rejected deliveries by reason, among those that are kept."""
         query = select(Rejection.reason, func.sum(Rejection.times)).group_by(Rejection.reason)
         with self._database.reading() as session:
             return {reason: int(count) for reason, count in session.execute(query)}
 
 
-def _within(
+def _recording_counts(session: Session) -> dict[str, int]:
+    query = select(Tally.machine, func.sum(Tally.recordings)).group_by(Tally.machine)
+    return dict(session.execute(query).all())
+
+
+def _silence_ends(session: Session) -> dict[str, datetime]:
+    now = datetime.now(UTC)
+    query = (
+        select(Silence.machine, func.max(Silence.until))
+        .where(Silence.since <= now, Silence.until > now)
+        .group_by(Silence.machine)
+    )
+    return dict(session.execute(query).all())
+
+
+def _maintenance_times(session: Session) -> dict[str, datetime]:
+    query = (
+        select(Event.machine, func.max(Event.time))
+        .where(Event.kind == "maintenance")
+        .group_by(Event.machine)
+    )
+    return dict(session.execute(query).all())
+
+
+def _alarms_not_closed(session: Session) -> dict[str, list[Alarm]]:
+    alarms: dict[str, list[Alarm]] = defaultdict(list)
+    for alarm in session.scalars(select(Alarm).where(Alarm.closed.is_(None)).order_by(Alarm.id)):
+        alarms[alarm.machine].append(alarm)
+    return alarms
+
+
+def _column_query(name: str) -> Select[Any]:
+    if name not in TREND_COLUMNS:
+        raise InputError(f"{name!r} has no trend; use one of {', '.join(TREND_COLUMNS)}.")
+    return select(Judgment.id, Judgment.time, getattr(Judgment, name))
+
+
+def _unpack(value: Any) -> Any:
+    """Return the number of a packed indicator; values of columns are numbers already."""
+    return np.frombuffer(value, "<f4")[0] if isinstance(value, bytes) else value
+
+
+def _filters(
     machine: str | None, point: str | None, since: datetime | None, until: datetime | None
 ) -> list[ColumnElement[bool]]:
-    return [
-        *([] if machine is None else [Judgment.machine == machine]),
-        *([] if point is None else [Judgment.point == point]),
-        *([] if since is None else [Judgment.time >= since]),
-        *([] if until is None else [Judgment.time < until]),
-    ]
+    filters = []
+    if machine is not None:
+        filters.append(Judgment.machine == machine)
+    if point is not None:
+        filters.append(Judgment.point == point)
+    if since is not None:
+        filters.append(Judgment.time >= since)
+    if until is not None:
+        filters.append(Judgment.time < until)
+    return filters

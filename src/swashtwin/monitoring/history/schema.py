@@ -1,5 +1,6 @@
-"""Tables of the history, alike in SQLite and PostgreSQL; a row is a dataclass. All times are aware
-and in UTC.
+"""Tables of the history, the same in SQLite and PostgreSQL.
+
+A row is a dataclass. All times have a zone and are in UTC.
 """
 
 import math
@@ -23,35 +24,35 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, MappedAsDataclass, mapped_co
 
 
 class Moment(TypeDecorator[datetime]):
-    """An aware time, kept in UTC."""
+    """A time with a zone, stored in UTC."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """`value` in UTC; SQLite keeps no zone."""
+        """Return `value` in UTC, for SQLite without a zone."""
         if value is None:
             return None
         if value.tzinfo is None:
-            raise ValueError(f"time {value} has no zone; the history keeps times in UTC.")
+            raise ValueError(f"time {value} has no zone; use an aware time, such as one in UTC.")
         value = value.astimezone(UTC)
         return value.replace(tzinfo=None) if dialect.name == "sqlite" else value
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """`value` in UTC."""
+        """Return `value` in UTC."""
         if value is None:
             return None
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
 
 class Real(TypeDecorator[float]):
-    """A number that both databases hold: NaN is nothing, infinity the largest."""
+    """A number that both databases can hold: NaN becomes null, infinity the largest number."""
 
     impl = Float(53)
     cache_ok = True
 
     def process_bind_param(self, value: float | None, dialect: Dialect) -> float | None:
-        """`value`, finite or None."""
+        """Return `value`, finite or None."""
         if value is None or math.isnan(value):
             return None
         return max(-sys.float_info.max, min(float(value), sys.float_info.max))
@@ -62,7 +63,7 @@ _Document = JSON(none_as_null=True)
 
 
 class Row(MappedAsDataclass, DeclarativeBase, kw_only=True):
-    """What all rows have in common."""
+    """Base of all rows."""
 
     type_annotation_map = {  # noqa: RUF012
         int: _Number,
@@ -90,24 +91,24 @@ class Version(Row, kw_only=True):
 
 
 class Machine(Row, kw_only=True):
-    """A machine; the one with an empty name counts rejections of machines that nobody knows."""
+    """A machine; the one with an empty name counts rejections of unknown machines."""
 
     __tablename__ = "machines"
     name: Mapped[str] = mapped_column(primary_key=True)
     sequence: Mapped[int]
-    """Grows with each transaction; its change locks the machine."""
+    """Grows with each transaction; the change of this number locks the machine."""
     last: Mapped[int | None] = mapped_column(default=None)
-    """The newest recording by time of measurement."""
+    """Number of the newest recording by time of measurement."""
 
 
 class Judgment(Row, kw_only=True):
-    """One recording of a machine: its facts, and what the watch concluded."""
+    """One recording of a machine: its facts, and what the watch concluded from it."""
 
     __tablename__ = "recordings"
     id: Mapped[int] = _id()
     machine: Mapped[str] = _machine()
     content: Mapped[str]
-    """SHA-256 of the bytes that were delivered; one machine has no content twice."""
+    """Hash of the content (`Contents.digest`); a machine has no content twice."""
     time: Mapped[datetime]
     received: Mapped[datetime]
     source: Mapped[str]
@@ -121,29 +122,29 @@ class Judgment(Row, kw_only=True):
     state: Mapped[str]
     """``learning``, ``normal``, ``unusual``, ``alarm`` or ``sensor``."""
     point: Mapped[str | None] = mapped_column(default=None)
-    """Name of the operating point, where it is known."""
+    """Name of the operating point, if it is known."""
     speed: Mapped[float | None] = mapped_column(default=None)
     """Angular speed of the shaft [rad/s]."""
     pressure: Mapped[float | None] = mapped_column(default=None)
     """Discharge pressure [Pa]."""
     label: Mapped[str | None] = mapped_column(default=None)
-    """Class of the model's verdict: the likeliest, or ``normal`` and ``abnormal`` of a detector."""
+    """Class of the model's verdict: the likeliest; of a detector ``normal`` or ``abnormal``."""
     probability: Mapped[float | None] = mapped_column(default=None)
-    """Its probability; of a detector the p-value."""
+    """Probability of the class; of a detector the p-value."""
     confidence: Mapped[float | None] = mapped_column(default=None)
-    """Share of the windows that say the same."""
+    """Share of the windows with the same verdict."""
     ood_p: Mapped[float | None] = mapped_column(default=None)
     """p-value of the recording among those of the training."""
     model: Mapped[str | None] = mapped_column(default=None)
     """Fingerprint of the model."""
     alarm_p: Mapped[float | None] = mapped_column(default=None)
-    """p-value against the machine's own healthy baseline."""
+    """p-value against the healthy baseline of the machine."""
     capital: Mapped[float | None] = mapped_column(default=None)
     """Evidence of the sequential test after this recording."""
     reasons: Mapped[dict[str, Any]] = mapped_column(default_factory=dict)
-    """Further evidence, and the ``suspect`` where levels moved far, as JSON can hold it."""
+    """Further evidence, and the ``suspect`` if the recording deviates far, as JSON can hold it."""
     waveform: Mapped[str | None] = mapped_column(default=None)
-    """Path of its samples below the folder of waveforms, or None where none are kept."""
+    """Path of its samples below the folder of waveforms; None if they were not kept."""
     retention: Mapped[str | None] = mapped_column(default=None)
     """Why they are kept: ``alarm``, ``day``, ``last``."""
 
@@ -153,15 +154,15 @@ class Judgment(Row, kw_only=True):
     )
 
 
-_KEPT = Judgment.__table__.c.waveform.is_not(None)
+_HAS_WAVEFORM = Judgment.__table__.c.waveform.is_not(None)
 Index(
     "recordings_by_retention", Judgment.machine, Judgment.retention, Judgment.time,
-    sqlite_where=_KEPT, postgresql_where=_KEPT,
+    sqlite_where=_HAS_WAVEFORM, postgresql_where=_HAS_WAVEFORM,
 )  # fmt: skip
 
 
 class Tally(Row, kw_only=True):
-    """Recordings by machine and state, so that nobody counts millions of rows."""
+    """Number of recordings by machine and state: counting millions of rows would take seconds."""
 
     __tablename__ = "tallies"
     machine: Mapped[str] = mapped_column(ForeignKey("machines.name"), primary_key=True)
@@ -170,20 +171,20 @@ class Tally(Row, kw_only=True):
 
 
 class Layout(Row, kw_only=True):
-    """Names of indicators, once for all recordings that have the same."""
+    """Names of indicators, stored once for all recordings with the same names."""
 
     __tablename__ = "layouts"
     id: Mapped[int] = _id()
     machine: Mapped[str] = _machine()
     digest: Mapped[str]
     names: Mapped[list[list[str]]]
-    """Channel and name of each."""
+    """Channel and name of each indicator."""
 
     __table_args__ = (UniqueConstraint("machine", "digest"),)
 
 
 class Indicators(Row, kw_only=True):
-    """Indicators of a recording, packed: a tenth of the space of a row each."""
+    """Indicators of a recording, packed: they take a tenth of the space of one row each."""
 
     __tablename__ = "indicators"
     recording: Mapped[int] = mapped_column(ForeignKey("recordings.id"), primary_key=True)
@@ -208,7 +209,7 @@ class OperatingPointRow(Row, kw_only=True):
 
 
 class Baseline(Row, kw_only=True):
-    """Learned levels of an operating point, apart because they are large and change rarely."""
+    """Baseline of an operating point, in a separate table because it is large and rarely changes."""
 
     __tablename__ = "baselines"
     machine: Mapped[str] = mapped_column(ForeignKey("machines.name"), primary_key=True)
@@ -230,10 +231,12 @@ class Alarm(Row, kw_only=True):
     opened: Mapped[datetime]
     """Time of the recording that raised it."""
     evidence: Mapped[dict[str, Any]]
-    """Why, the ``suspect``, its ``severity``, and what was ``found``, as JSON can hold it."""
+    """Why it was raised, the ``suspect``, its ``severity``, and what was ``found``, as JSON can hold
+    it.
+    """
     recording: Mapped[int | None]
     cleared: Mapped[datetime | None] = mapped_column(default=None)
-    """Since when its cause is gone, or None."""
+    """Since when its cause has been gone, or None."""
     who: Mapped[str | None] = mapped_column(default=None)
     acknowledged: Mapped[datetime | None] = mapped_column(default=None)
     note: Mapped[str] = mapped_column(default="")
@@ -246,7 +249,7 @@ Index("alarms_not_closed", Alarm.machine, sqlite_where=_NOT_CLOSED, postgresql_w
 
 
 class Silence(Row, kw_only=True):
-    """A time in which a machine sends no messages."""
+    """A period in which no messages about a machine are sent."""
 
     __tablename__ = "silences"
     id: Mapped[int] = _id()
@@ -260,39 +263,39 @@ class Silence(Row, kw_only=True):
 
 
 class Event(Row, kw_only=True):
-    """What happened to a machine, as a person said it."""
+    """What happened to a machine, as a person reported it."""
 
     __tablename__ = "events"
     id: Mapped[int] = _id()
     machine: Mapped[str] = _machine(index=True)
     time: Mapped[datetime]
     kind: Mapped[str]
-    """``maintenance``, ``note`` or another word."""
+    """``maintenance``, ``note`` or another kind."""
     who: Mapped[str]
     note: Mapped[str]
 
 
 class Rejection(Row, kw_only=True):
-    """A delivery that became no recording."""
+    """A delivery that was rejected."""
 
     __tablename__ = "rejections"
     id: Mapped[int] = _id()
     received: Mapped[datetime]
-    """When it was delivered last."""
+    """When it was last delivered."""
     source: Mapped[str]
     file: Mapped[str]
     machine: Mapped[str]
-    """Machine as stated; empty where none was."""
+    """Machine as specified; empty if none was specified."""
     content: Mapped[str]
     """SHA-256 of the bytes that were delivered."""
     reason: Mapped[str]
     """One word: ``late``, ``double``, ``broken``, ``unfit``, ``machine``, ..."""
     detail: Mapped[str]
-    """One line for a person."""
+    """The reason for a person, in one line."""
     copy: Mapped[str | None] = mapped_column(default=None)
-    """Name of the file among the rejected ones, where it was kept."""
+    """Name of the file in the folder ``rejected``, if it was kept."""
     times: Mapped[int] = mapped_column(default=1)
-    """How often it was delivered."""
+    """Number of its deliveries."""
 
     __table_args__ = (UniqueConstraint("content", "machine", "reason"),)
 
@@ -308,9 +311,9 @@ class Message(Row, kw_only=True):
     body: Mapped[dict[str, Any]]
     created: Mapped[datetime]
     due: Mapped[datetime]
-    """When it is sent at the earliest."""
+    """Earliest time at which it is sent."""
     attempts: Mapped[int] = mapped_column(default=0)
-    """How often it was claimed."""
+    """Number of attempts to send it."""
     error: Mapped[str | None] = mapped_column(default=None)
     sent: Mapped[datetime | None] = mapped_column(default=None)
 

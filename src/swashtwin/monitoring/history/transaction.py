@@ -27,10 +27,12 @@ from swashtwin.monitoring.history.schema import (
     Tally,
 )
 
-_RUN_UP = 10
-"""Recordings before an alarm whose waveforms are kept with it."""
-_AS_IT_IS = {"synchronize_session": False}
-"""Option of changes of many rows: objects in memory stay as they are, nobody reads them again."""
+N_RUN_UP = 10
+"""Recordings before an alarm whose waveforms are kept with it: they show how it developed."""
+_WITHOUT_OBJECTS = {"synchronize_session": False}
+"""Option of a change of many rows: objects in memory are not updated, since nobody reads them
+again.
+"""
 
 
 class MachineTransaction:
@@ -39,24 +41,111 @@ class MachineTransaction:
     def __init__(self, session: Session, name: str, retention: Retention) -> None:
         self.name = name
         self.dropped: list[str] = []
-        """Waveforms to remove once the transaction is committed."""
+        """Waveforms to remove when the transaction is committed."""
         self._session = session
         self._retention = retention
         lock_machine(session, name)
 
+    # Recordings
+
     def recording_of(self, content: str) -> Judgment | None:
-        """The recording with that content, or None."""
+        """Return the recording with that content, or None."""
         query = select(Judgment).where(Judgment.machine == self.name, Judgment.content == content)
         return self._session.scalars(query).first()
 
     def newest(self) -> datetime | None:
-        """Time of the newest recording, or None."""
-        return self._session.scalars(
-            select(func.max(Judgment.time)).where(Judgment.machine == self.name)
-        ).one()
+        """Return the time of the newest recording, or None."""
+        query = select(func.max(Judgment.time)).where(Judgment.machine == self.name)
+        return self._session.scalars(query).one()
+
+    def add_recording(
+        self,
+        judgment: Judgment,
+        values: Mapping[tuple[str, str], float] | None = None,
+        waveform: str | None = None,
+    ) -> int:
+        """Add a recording, and return its number.
+
+        Parameters
+        ----------
+        values : indicators by channel and name; kept with the seven digits of a float32.
+        waveform : path that `Waveforms.write` returned; retention decides how long the file is
+            kept.
+        """
+        judgment.waveform = waveform
+        judgment.retention = self._retention_of(judgment) if waveform else None
+        newest = self.newest()
+        number = self._add(judgment)
+
+        if values:
+            self._add_indicators(number, values)
+        self._count(judgment.state)
+        if newest is None or judgment.time >= newest:
+            self._execute(update(Machine).where(Machine.name == self.name).values(last=number))
+        if waveform:
+            self._apply_retention()
+        return number
+
+    def _add_indicators(self, recording: int, values: Mapping[tuple[str, str], float]) -> None:
+        names = [list(name) for name in values]
+        digest = hashlib.sha256(json_text(names).encode()).hexdigest()
+        query = select(Layout.id).where(Layout.machine == self.name, Layout.digest == digest)
+        layout = self._session.scalars(query).first()
+        if layout is None:
+            layout = self._add(Layout(digest=digest, names=names))
+
+        packed_values = np.fromiter(values.values(), "<f4", len(values)).tobytes()
+        self._session.add(Indicators(recording=recording, layout=layout, values=packed_values))
+
+    def _count(self, state: str) -> None:
+        tally = self._session.get(Tally, (self.name, state))
+        if tally is None:
+            tally = Tally(machine=self.name, state=state)
+            self._session.add(tally)
+        tally.recordings += 1
+
+    # Retention of waveforms
+
+    def _with_waveform(self, *filters: ColumnElement[bool]) -> tuple[ColumnElement[bool], ...]:
+        return (Judgment.machine == self.name, Judgment.waveform.is_not(None), *filters)
+
+    def _retention_of(self, judgment: Judgment) -> str:
+        """Return why the waveform of a recording is kept."""
+        if judgment.state == "alarm":
+            return "alarm"
+
+        day = judgment.time.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
+        is_of_day = self._with_waveform(
+            Judgment.retention == "day",
+            Judgment.time >= day,
+            Judgment.time < day + timedelta(days=1),
+        )
+        count = self._session.scalars(select(func.count()).where(*is_of_day)).one()
+        return "day" if count < self._retention.per_day else "last"
+
+    def _apply_retention(self) -> None:
+        """Drop the waveforms that exceed the limits of retention, oldest first."""
+        self._keep_newest("last", self._retention.latest)
+        if self._retention.alarms != "all":
+            self._keep_newest("alarm", self._retention.alarms)
+
+    def _keep_newest(self, retention: str, count: int) -> None:
+        surplus_query = (
+            select(Judgment.id, Judgment.waveform)
+            .where(*self._with_waveform(Judgment.retention == retention))
+            .order_by(Judgment.time.desc(), Judgment.id.desc())
+            .offset(count)
+        )
+        surplus = {number: path for number, path in self._session.execute(surplus_query) if path}
+        if not surplus:
+            return
+        self.dropped += surplus.values()
+        self._execute(update(Judgment).where(Judgment.id.in_(surplus)).values(waveform=None))
+
+    # Operating points
 
     def operating_points(self) -> Sequence[OperatingPointRow]:
-        """Operating points of the machine, without what was learned there, which is large."""
+        """Return the operating points of the machine, without their large baselines."""
         return self._session.scalars(
             select(OperatingPointRow)
             .where(OperatingPointRow.machine == self.name)
@@ -64,11 +153,11 @@ class MachineTransaction:
         ).all()
 
     def operating_point(self, name: str) -> OperatingPointRow | None:
-        """Operating point of that name, or None."""
+        """Return the operating point with that name, or None."""
         return self._session.get(OperatingPointRow, (self.name, name))
 
     def baseline(self, point: str) -> dict[str, Any] | None:
-        """What was learned at an operating point, or None."""
+        """Return the baseline of an operating point, or None."""
         stored = self._session.get(Baseline, (self.name, point))
         return None if stored is None else stored.baseline
 
@@ -81,105 +170,28 @@ class MachineTransaction:
         speed: float | None = None,
         pressure: float | None = None,
     ) -> None:
-        """Keep the state of an operating point.
+        """Save the state of an operating point.
 
         Parameters
         ----------
         test : what changes with each recording.
-        baseline : what is large and changes rarely; None leaves it as it is.
+        baseline : what is large and changes rarely; None leaves the stored one unchanged.
         speed : angular speed of the shaft [rad/s].
         pressure : discharge pressure [Pa].
         """
-        point = OperatingPointRow(
+        row = OperatingPointRow(
             machine=self.name, name=name, speed=speed, pressure=pressure, test=dict(test)
         )
-        self._session.merge(point)
+        self._session.merge(row)
         if baseline is not None:
             self._session.merge(Baseline(machine=self.name, point=name, baseline=dict(baseline)))
 
     def forget_operating_points(self) -> None:
-        """Remove what was learned at all operating points, so that it is learned anew."""
-        for kind in (OperatingPointRow, Baseline):
-            self._session.execute(delete(kind).where(kind.machine == self.name))
+        """Remove all operating points with their baselines, so that they are learned again."""
+        for table in (OperatingPointRow, Baseline):
+            self._session.execute(delete(table).where(table.machine == self.name))
 
-    def add_recording(
-        self,
-        judgment: Judgment,
-        values: Mapping[tuple[str, str], float] | None = None,
-        waveform: str | None = None,
-    ) -> int:
-        """Number of a new recording.
-
-        Parameters
-        ----------
-        values : indicators by channel and name; kept with the seven digits of a float32.
-        waveform : path that `Waveforms.write` gave; retention decides how long the file stays.
-        """
-        judgment.waveform = waveform
-        judgment.retention = self._retention_of(judgment) if waveform else None
-        newest = self.newest()
-        number = self._add(judgment)
-        if values:
-            self._add_indicators(number, values)
-        tally = self._session.get(Tally, (self.name, judgment.state))
-        if tally is None:
-            tally = Tally(machine=self.name, state=judgment.state)
-            self._session.add(tally)
-        tally.recordings += 1
-        if newest is None or judgment.time >= newest:
-            last = update(Machine).where(Machine.name == self.name).values(last=number)
-            self._session.execute(last, execution_options=_AS_IT_IS)
-        if waveform:
-            self._apply_retention()
-        return number
-
-    def _add_indicators(self, recording: int, values: Mapping[tuple[str, str], float]) -> None:
-        names = [list(name) for name in values]
-        digest = hashlib.sha256(json_text(names).encode()).hexdigest()
-        query = select(Layout.id).where(Layout.machine == self.name, Layout.digest == digest)
-        layout = self._session.scalars(query).first()
-        if layout is None:
-            layout = self._add(Layout(digest=digest, names=names))
-        packed = np.fromiter(values.values(), "<f4", len(values)).tobytes()
-        self._session.add(Indicators(recording=recording, layout=layout, values=packed))
-
-    def _with_waveform(self, *where: ColumnElement[bool]) -> tuple[ColumnElement[bool], ...]:
-        return (Judgment.machine == self.name, Judgment.waveform.is_not(None), *where)
-
-    def _retention_of(self, judgment: Judgment) -> str:
-        if judgment.state == "alarm":
-            return "alarm"
-        day = judgment.time.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
-        of_day = (
-            Judgment.retention == "day",
-            Judgment.time >= day,
-            Judgment.time < day + timedelta(days=1),
-        )
-        count = self._session.scalars(
-            select(func.count()).where(*self._with_waveform(*of_day))
-        ).one()
-        return "day" if count < self._retention.per_day else "last"
-
-    def _apply_retention(self) -> None:
-        for retention, count in (
-            ("last", self._retention.latest),
-            ("alarm", self._retention.alarms),
-        ):
-            if count == "all":
-                continue
-            query = select(Judgment.id, Judgment.waveform).where(
-                *self._with_waveform(Judgment.retention == retention)
-            )
-            newest_first = query.order_by(Judgment.time.desc(), Judgment.id.desc())
-            surplus = {
-                number: path
-                for number, path in self._session.execute(newest_first.offset(count))
-                if path
-            }
-            self.dropped += surplus.values()
-            if surplus:
-                drop = update(Judgment).where(Judgment.id.in_(surplus)).values(waveform=None)
-                self._session.execute(drop, execution_options=_AS_IT_IS)
+    # Alarms
 
     def open_alarm(
         self,
@@ -189,7 +201,7 @@ class MachineTransaction:
         evidence: Mapping[str, Any],
         recording: int | None,
     ) -> Alarm:
-        """A new alarm; the waveforms of the recordings before it are kept with it.
+        """Open an alarm, and keep the waveforms of the recordings before it.
 
         Parameters
         ----------
@@ -201,10 +213,10 @@ class MachineTransaction:
             select(Judgment.id)
             .where(*self._with_waveform())
             .order_by(Judgment.time.desc())
-            .limit(_RUN_UP)
+            .limit(N_RUN_UP)
         )
-        keep = update(Judgment).where(Judgment.id.in_(run_up)).values(retention="alarm")
-        self._session.execute(keep, execution_options=_AS_IT_IS)
+        self._execute(update(Judgment).where(Judgment.id.in_(run_up)).values(retention="alarm"))
+
         alarm = Alarm(
             kind=kind, point=point, opened=time, evidence=dict(evidence), recording=recording
         )
@@ -212,7 +224,7 @@ class MachineTransaction:
         return alarm
 
     def alarms(self) -> Sequence[Alarm]:
-        """Alarms that are not closed, oldest first."""
+        """Return the alarms that are not closed, oldest first."""
         query = (
             select(Alarm)
             .where(Alarm.machine == self.name, Alarm.closed.is_(None))
@@ -221,23 +233,27 @@ class MachineTransaction:
         return self._session.scalars(query).all()
 
     def unreported_alarms(self) -> Sequence[Alarm]:
-        """Those of `alarms` about which no message was posted."""
+        """Return the alarms of `alarms` about which no message was posted."""
         alarms = self.alarms()
+        if not alarms:
+            return ()
         query = select(Message.alarm).where(Message.alarm.in_([alarm.id for alarm in alarms]))
-        told = set(self._session.scalars(query)) if alarms else set()
-        return [alarm for alarm in alarms if alarm.id not in told]
+        reported_numbers = set(self._session.scalars(query))
+        return [alarm for alarm in alarms if alarm.id not in reported_numbers]
 
     def clear_alarm(self, alarm: int, time: datetime) -> None:
-        """Note that the cause of an alarm is gone; an acknowledged one is closed, an open one waits
-        for a person.
+        """Record that the cause of an alarm is gone.
+
+        An acknowledged alarm is closed; an open one waits for a person.
         """
         stored = self._alarm(alarm)
         stored.cleared = time
         if stored.state == "acknowledged":
-            stored.state, stored.closed = "closed", time
+            stored.state = "closed"
+            stored.closed = time
 
     def acknowledge(self, alarm: int, who: str, note: str = "") -> None:
-        """Note who acknowledged an alarm; one whose cause is gone is closed.
+        """Record who acknowledged an alarm; if its cause is gone, it is closed.
 
         Raises
         ------
@@ -247,18 +263,23 @@ class MachineTransaction:
         stored = self._alarm(alarm)
         if stored.state != "open":
             raise InputError(f"alarm {alarm} of {self.name} is {stored.state} already.")
-        time = datetime.now(UTC)
-        stored.who, stored.note, stored.acknowledged, stored.state = who, note, time, "acknowledged"
-        if stored.cleared is not None:
-            stored.state, stored.closed = "closed", time
 
-    def record_finding(self, found: str, who: str) -> None:
+        time = datetime.now(UTC)
+        stored.who = who
+        stored.note = note
+        stored.acknowledged = time
+        stored.state = "acknowledged"
+        if stored.cleared is not None:
+            stored.state = "closed"
+            stored.closed = time
+
+    def record_finding(self, finding: str, who: str) -> None:
         """Keep what was wrong with the machine in the evidence of its newest alarm of the pump.
 
         Raises
         ------
         InputError
-            It never had one.
+            The machine never had such an alarm.
         """
         query = (
             select(Alarm)
@@ -269,22 +290,27 @@ class MachineTransaction:
         alarm = self._session.scalars(query).first()
         if alarm is None:
             raise InputError(
-                f"{self.name} had no alarm that {found!r} could stand beside; write it as a note."
+                f"{self.name} had no alarm of the pump with which {finding!r} could be kept; "
+                "write it as a note."
             )
-        alarm.evidence = {
-            **alarm.evidence,
-            "found": {"text": found, "who": who, "time": datetime.now(UTC).isoformat()},
-        }
+        entry = {"text": finding, "who": who, "time": datetime.now(UTC).isoformat()}
+        alarm.evidence = {**alarm.evidence, "found": entry}
 
     def record_severity(self, alarm: int, severity: Mapping[str, Any]) -> Alarm | None:
-        """An alarm, in whose evidence the severity of its suspect is kept now; None where one or
-        the same reason is.
+        """Keep the severity of an alarm's suspect in its evidence, and return the alarm.
+
+        None is returned if the alarm already has a severity of this suspect, or the same reason why
+        there is none.
         """
         stored = self._alarm(alarm)
-        before = stored.evidence.get("severity", {})
-        same = all(before.get(name) == severity.get(name) for name in ("label", "certainty"))
-        if same and ("verdict" in before or before["sentence"] == severity["sentence"]):
+        previous = stored.evidence.get("severity", {})
+        is_same_suspect = all(
+            previous.get(name) == severity.get(name) for name in ("label", "certainty")
+        )
+        is_known = "verdict" in previous or previous.get("sentence") == severity["sentence"]
+        if is_same_suspect and is_known:
             return None
+
         stored.evidence = {**stored.evidence, "severity": dict(severity)}
         return stored
 
@@ -294,39 +320,49 @@ class MachineTransaction:
             raise InputError(f"{self.name} has no alarm {number}.")
         return stored
 
+    # Silences, events and messages
+
     def silence(self, until: datetime, who: str, note: str = "") -> int:
-        """Number of a new silence: no messages are sent until then; the record goes on."""
+        """Add a silence, in which no messages are sent, and return its number."""
         return self._add(Silence(since=datetime.now(UTC), until=until, who=who, note=note))
 
     def end_silence(self) -> None:
         """End every silence of the machine."""
         time = datetime.now(UTC)
-        end = (
+        self._execute(
             update(Silence)
             .where(Silence.machine == self.name, Silence.until > time)
             .values(until=time)
         )
-        self._session.execute(end, execution_options=_AS_IT_IS)
 
     def silenced(self, time: datetime) -> bool:
-        """Whether a silence holds at that time."""
-        holds = (Silence.machine == self.name, Silence.since <= time, Silence.until > time)
-        return self._session.scalars(select(Silence.id).where(*holds).limit(1)).first() is not None
+        """Return whether the machine is silenced at that time."""
+        query = (
+            select(Silence.id)
+            .where(Silence.machine == self.name, Silence.since <= time, Silence.until > time)
+            .limit(1)
+        )
+        return self._session.scalars(query).first() is not None
 
     def add_event(self, kind: str, who: str, note: str = "") -> int:
-        """Number of a new event, such as ``maintenance``."""
+        """Add an event, such as ``maintenance``, and return its number."""
         return self._add(Event(kind=kind, who=who, note=note, time=datetime.now(UTC)))
 
     def post(self, channel: str, message: Mapping[str, Any], alarm: int | None = None) -> int:
-        """Number of a message that `Outbox` hands to a sender once this transaction is
-        committed.
+        """Add a message, and return its number.
+
+        `Outbox` hands it to a sender when this transaction is committed.
         """
         now = datetime.now(UTC)
         return self._add(
             Message(channel=channel, body=dict(message), alarm=alarm, created=now, due=now)
         )
 
+    def _execute(self, change: Any) -> None:
+        self._session.execute(change, execution_options=_WITHOUT_OBJECTS)
+
     def _add(self, row: Row) -> int:
+        """Add a row of this machine, and return its number."""
         row.machine = self.name  # type: ignore[attr-defined]
         self._session.add(row)
         self._session.flush()

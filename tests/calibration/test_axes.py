@@ -73,5 +73,5 @@ def test_the_calibrated_twin_reads_what_the_search_read(
     assert np.abs(path.cross_talk).max() > 0.1
     again = load_calibration(calibration.save(tmp_path / "a.json"))
     assert again.twin.path == path
-    assert calibration.fits[0].after.spectrum_value_error < 0.05
+    assert calibration.fits[0].calibrated_agreement.spectrum_value_error < 0.05
     assert torch.equal(again.twin.acceleration(), calibration.twin.acceleration())

@@ -11,7 +11,7 @@ import pytest
 from twin_recordings import SIX_VALUES, recording_of
 
 from swashtwin.calibration import GaussNewton, calibrate, measure
-from swashtwin.calibration.recording_checks import detect_speed
+from swashtwin.calibration.speed_detection import detect_speed
 from swashtwin.foundation import DataError, MPa, UnitError, um
 from swashtwin.physics import Twin
 from swashtwin.pump import CLASSES, OperatingCondition, PistonWear, Pump
@@ -73,9 +73,9 @@ def noise(signal: np.ndarray) -> np.ndarray:
         (missing, r"rec-0, body_y: 1 of \d+ samples are missing"),
         (
             clipped,
-            r"rec-0, cover_z: \d\.\d+% of the samples stand in a row at the extreme .* wider range",
+            r"rec-0, cover_z: \d\.\d+% of the samples are clipped at the extreme value .* wider range",
         ),
-        (noise, "rec-0: no line stands clear of the noise .* is the pump running"),
+        (noise, "rec-0: no line exceeds the noise .* the pump was running"),
         (np.zeros_like, "every sample is 0: a dead"),
     ],
 )
@@ -92,9 +92,9 @@ def test_an_unfit_signal_is_refused_in_one_line(
     [
         (
             {"channels": ("cover_z", "ch2", "body_x")},
-            "no sensor for channel 'ch2'; it has cover_z, body_y, body_x",
+            "no sensor for channel 'ch2', only cover_z, body_y, body_x",
         ),
-        ({"unit": "V"}, r"rec-0 is in 'V'; a calibration needs m/s\^2; state unit"),
+        ({"unit": "V"}, r"rec-0 is in 'V', but a calibration needs m/s\^2. Specify unit"),
         ({"sample_rate": 6600.0}, "or the sample rate of 6600 Hz"),
     ],
 )
@@ -113,7 +113,8 @@ def test_a_recording_of_another_speed_than_stated_is_refused_with_both_numbers(
     assert wrong.condition is not None
     there = twin.at(wrong.condition)
     with pytest.raises(
-        DataError, match=rf"rec-0: stated at {860 * factor:.4g} rev/min, .* 7 pistons at (\d+)"
+        DataError,
+        match=rf"rec-0: the specified speed is {860 * factor:.4g} rev/min, .* 7 pistons at (\d+)",
     ) as hit:
         measure(there, [wrong])
     shown = float(str(hit.value).split("7 pistons at ")[1].split(" rev")[0])
@@ -126,8 +127,8 @@ def test_no_class_and_no_pressure_of_the_rig_raises_a_false_alarm(rig: list[Reco
         assert recording.condition is not None
         speed = detect_speed(recording, recording.condition.shaft_frequency, 7)
         assert not speed.contradicts, recording.recording_id
-        assert speed.stated_contrast > 0.85 * speed.shown_contrast
-        assert speed.shown == pytest.approx(speed.stated, rel=0.01)
+        assert speed.specified_contrast > 0.85 * speed.detected_contrast
+        assert speed.detected == pytest.approx(speed.specified, rel=0.01)
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.9, 0.97, 1.03, 1.1, 1.5])
@@ -138,7 +139,7 @@ def test_every_wrongly_stated_speed_is_detected_on_the_rig(
         assert recording.condition is not None
         speed = detect_speed(recording, factor * recording.condition.shaft_frequency, 7)
         assert speed.contradicts, recording.recording_id
-        assert speed.shown == pytest.approx(recording.condition.shaft_frequency, rel=0.01)
+        assert speed.detected == pytest.approx(recording.condition.shaft_frequency, rel=0.01)
 
 
 def test_lines_that_show_nothing_clearly_contradict_no_speed(recording: Recording) -> None:
@@ -153,7 +154,7 @@ def test_a_speed_that_was_measured_along_is_believed(twin: Twin, recording: Reco
     wrong = stated_at(recording, 1.1)
     assert wrong.condition is not None
     with_tachometer = replace(wrong, speed=np.full(wrong.signal.shape[1], wrong.condition.speed))
-    with pytest.raises(DataError, match="stated at"):
+    with pytest.raises(DataError, match="the specified speed is"):
         measure(twin.at(wrong.condition), [wrong])
     assert measure(twin.at(wrong.condition), [with_tachometer]).recording_ids == ("rec-0",)
 
@@ -175,7 +176,7 @@ def test_a_recording_of_another_pressure_than_its_siblings_is_noted(
     assert measure(twin, at[15]).notes == ()
     (note,) = measure(twin, [*at[15], odd]).notes
     assert note.startswith("odd: its lines are 0.")
-    assert "3 others stated at 15 MPa; another pressure" in note
+    assert "3 other recordings specified at 15 MPa. Check its pressure" in note
     alone = measure(twin, [odd])
     assert alone.notes == ()  # one recording alone tells nothing of its pressure
     calibration = calibrate(twin, [*at[15], odd], method=QUICK, **SIX_VALUES)
@@ -193,7 +194,7 @@ def test_a_few_cut_peaks_are_noted(twin: Twin, recording: Recording) -> None:
     )
     crest[:, 100:110] = crest.max() * 1.2
     (note,) = measure(twin, [replace(recording, signal=crest)]).notes
-    assert "peaks are cut off" in note
+    assert "exceeded the measuring range" in note
 
 
 def test_shaft_orders_are_compared_where_one_piston_differs(

@@ -62,7 +62,7 @@ def test_corner_and_contact_are_found_with_an_interval(calibration: Calibration)
     assert depth.interval[0] < TRUE.depth < depth.interval[1]
     assert max(law.evidence, key=lambda name: law.evidence[name]) == "shared, half_sine"
     assert law.evidence["lift_off, half_sine"] < -3
-    assert law.floor > 1.2
+    assert law.noise_factor > 1.2
     assert [item.unit for item in law.estimates] == ["m", "Hz", "", "m", "rad", ""]
 
 
@@ -100,8 +100,8 @@ def test_a_depth_that_the_recordings_do_not_tell_is_the_one_stated_where_noise_r
     unseen = replace(
         law, fault=replace(law.fault, depth=1e-7), estimates=(depth, *law.estimates[1:])
     )
-    assert unseen.noise_factor_of(STATED) == pytest.approx(law.floor)
-    assert law.noise_factor_of(law.fault) == pytest.approx(law.floor)
+    assert unseen.noise_factor_of(STATED) == pytest.approx(law.noise_factor)
+    assert law.noise_factor_of(law.fault) == pytest.approx(law.noise_factor)
 
 
 def test_windows_say_that_no_recording_told_how_slippers_follow(
@@ -145,5 +145,5 @@ def test_what_has_no_law_to_search_is_refused(
 ) -> None:
     with pytest.raises(InputError, match="no unknowns"):
         identify_law(calibration, recordings, PistonWear(clearance=um(60)), recordings)
-    with pytest.raises(InputError, match="leave out fault"):
+    with pytest.raises(InputError, match="Omit fault"):
         calibrate(calibration.nominal.pump, recordings, fault=STATED, law=STATED)

@@ -68,7 +68,7 @@ def test_one_channel_is_enough_but_must_be_the_same_in_all(
 ) -> None:
     single = recording.select_channels(["body_y"])
     assert measure(twin, [single]).amplitude.shape[0] == 1
-    with pytest.raises(DataError, match="pick the same"):
+    with pytest.raises(DataError, match="Select the same"):
         measure(twin, [recording, replace(single, recording_id="rec-2")])
 
 
@@ -81,7 +81,7 @@ def test_one_channel_is_enough_but_must_be_the_same_in_all(
         (
             (0.0, 2500.0),
             "shaft",
-            "a twin of swash_plate has lines at multiples of 7 only; use the piston-pass lines",
+            "a twin of swash_plate has lines at multiples of 7 only. Use the piston-pass lines",
         ),
     ],
 )

@@ -42,12 +42,12 @@ def test_the_step_of_least_loss_is_kept(objective: Objective, method: Calibrator
     assert isinstance(method, Calibrator)
     search = method.search(objective, seed=0)
     history = search.history
-    assert history.best == np.argmin(history.loss)
-    np.testing.assert_array_equal(search.point, history.points[history.best])
+    assert history.best_step == np.argmin(history.loss)
+    np.testing.assert_array_equal(search.point, history.points[history.best_step])
     point = torch.as_tensor(search.point)
     weighted = objective.weighted_loss(point)
     if not isinstance(method, IPINN):
-        assert history.spectrum_loss[history.best] == pytest.approx(weighted.item())
+        assert history.spectrum_loss[history.best_step] == pytest.approx(weighted.item())
         unknowns = objective.unknowns
         away = (
             np.square((search.point - unknowns.center) / unknowns.deviation).sum()

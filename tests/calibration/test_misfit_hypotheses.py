@@ -17,9 +17,9 @@ from swashtwin.calibration import (
     is_warning,
     measure,
 )
-from swashtwin.calibration.misfit_hypotheses import misfit_hypotheses
+from swashtwin.calibration.misfit_hypotheses import find_misfit_hypotheses
 from swashtwin.calibration.posterior import (
-    MISFIT,
+    MAX_MISFIT,
     build_estimates,
     compute_misfit,
     posterior_covariance,
@@ -65,13 +65,16 @@ def test_a_right_twin_is_not_warned_of(twin: Twin, recording: Recording) -> None
     [
         (
             with_mixing(("body_x", "body_y"), np.eye(2)[::-1]),
-            "body_y and body_x have each other's name: look at the wiring",
+            "body_y and body_x have each other's name: check the wiring",
         ),
         (
             with_unit_error(("cover_z",)),
-            "cover_z reads 0.1 times what it should beside the others: in g?",
+            "cover_z reads 0.1 times what it should relative to the other channels: are its samples in g?",
         ),
-        (with_unit_error(CHANNELS), "the gain of all channels is 0.1 times the twin's: in g?"),
+        (
+            with_unit_error(CHANNELS),
+            "the gain of all channels is 0.1 times the twin's: are its samples in g?",
+        ),
     ],
 )
 def test_a_mistake_of_the_recording_is_named(
@@ -155,10 +158,10 @@ def test_a_misfit_that_no_mistake_explains_leaves_no_value_identified(twin: Twin
     ]
     factor = np.exp(0.5 * random_stream(0, "misfit").standard_normal(len(objective.measured)))
     scattered = with_amplitudes(objective, objective.measured.numpy() * factor)
-    assert compute_misfit(scattered, start) > MISFIT
+    assert compute_misfit(scattered, start) > MAX_MISFIT
     assert "identified" not in [
         estimate.verdict for estimate in build_estimates(scattered, start, covariance)
     ]
     point = QUICK.search(scattered, seed=0).point
-    assert (misfit := compute_misfit(scattered, point)) > MISFIT
-    assert misfit_hypotheses(scattered, misfit) == ()
+    assert (misfit := compute_misfit(scattered, point)) > MAX_MISFIT
+    assert find_misfit_hypotheses(scattered, misfit) == ()

@@ -14,7 +14,7 @@ from swashtwin.calibration import (
     calibrate,
     load_calibration,
     plan_recording,
-    total_width,
+    sum_interval_widths,
 )
 from swashtwin.foundation import InputError, MPa, rpm
 from swashtwin.physics import Twin
@@ -70,8 +70,10 @@ def test_the_width_that_was_foretold_comes_true(
 ) -> None:
     (foretold,) = plan_recording(calibration, speeds=[rpm(1500)], pressures=[MPa(15)]).candidates
     after = calibrated(machine, first, recording_at(machine, 1500, 15))
-    assert foretold.total_width < total_width(calibration.estimates) - 1
-    assert foretold.total_width == pytest.approx(total_width(after.estimates), abs=0.15)
+    assert foretold.total_interval_width < sum_interval_widths(calibration.estimates) - 1
+    assert foretold.total_interval_width == pytest.approx(
+        sum_interval_widths(after.estimates), abs=0.15
+    )
     assert foretold.duration == pytest.approx(1.3)
     assert all(factor >= 1 - 1e-3 for factor in foretold.narrowing_factors.values())
 
@@ -85,7 +87,9 @@ def test_a_sensor_elsewhere_is_foretold_and_calibrated_with_the_others(
     after = calibrated(machine, first, recording_at(machine, 860, 15, MOVED))
     assert after.posterior.channels == (*USUAL, "cover_y")
     assert [fit.spectra.channels for fit in after.fits] == [USUAL, MOVED]
-    assert foretold.total_width == pytest.approx(total_width(after.estimates), abs=0.25)
+    assert foretold.total_interval_width == pytest.approx(
+        sum_interval_widths(after.estimates), abs=0.25
+    )
     for estimate, value in zip(after.estimates, machine.values.tolist(), strict=True):
         assert estimate.interval[0] <= value <= estimate.interval[1]
 
@@ -95,28 +99,28 @@ def test_a_repetition_with_fewer_sensors_is_no_new_information(
 ) -> None:
     again = recording_at(machine, 860, 10, USUAL[:2], seed=1)
     before, after = (
-        total_width(calibration.estimates),
-        total_width(calibrated(machine, first, again).estimates),
+        sum_interval_widths(calibration.estimates),
+        sum_interval_widths(calibrated(machine, first, again).estimates),
     )
     assert after == pytest.approx(before, abs=0.4)
     (foretold,) = plan_recording(
         calibration, speeds=[rpm(860)], pressures=[MPa(10)], sensors=[USUAL[:2]]
     ).candidates
-    assert foretold.total_width == pytest.approx(after, abs=0.15)
+    assert foretold.total_interval_width == pytest.approx(after, abs=0.15)
 
 
 def test_candidates_are_ranked_within_the_rating_and_a_repetition_comes_last(
     calibration: Calibration,
 ) -> None:
     plan = plan_recording(calibration)
-    widths = [item.total_width for item in plan.candidates]
+    widths = [item.total_interval_width for item in plan.candidates]
     assert (
         len(widths) == 3
     )  # 860 rev/min is the rated speed, and at less 1.3 s are below 16 revolutions
     assert max(item.speed for item in plan.candidates) == pytest.approx(rpm(860))
     assert max(item.discharge_pressure for item in plan.candidates) == pytest.approx(MPa(15))
     assert widths == sorted(widths)
-    assert plan.total_width == total_width(calibration.estimates)
+    assert plan.total_interval_width == sum_interval_widths(calibration.estimates)
     last = plan.candidates[-1]
     assert (last.speed, last.discharge_pressure) == pytest.approx((rpm(860), MPa(10)))
 
@@ -127,11 +131,11 @@ def test_what_cannot_be_planned_is_said_in_plain_words(calibration: Calibration)
         match=r"sensors \(top\) must be different sensors of the pump, which has cover_z",
     ):
         plan_recording(calibration, sensors=[["top"]])
-    with pytest.raises(InputError, match="name at least one speed"):
+    with pytest.raises(InputError, match="Specify at least one speed"):
         plan_recording(calibration, speeds=[])
     with pytest.raises(InputError, match="shorter than 16 revolutions: record longer"):
         plan_recording(calibration, speeds=[rpm(60)])
-    with pytest.raises(InputError, match="holds no multiple of the piston-pass frequency"):
+    with pytest.raises(InputError, match="contains no multiple of the piston-pass frequency"):
         plan_recording(
             replace(calibration, settings={**calibration.settings, "band": [0, 150]}),
             speeds=[rpm(1500)],
@@ -150,7 +154,7 @@ def test_the_command_ranks_what_the_function_ranks(
         pressures=[MPa(5), MPa(15)],
     )
     expected = asdict(plan)["candidates"]
-    for name in ("speed", "discharge_pressure", "duration", "total_width"):
+    for name in ("speed", "discharge_pressure", "duration", "total_interval_width"):
         answered, wanted = (
             [row[name] for row in rows] for rows in (answer["candidates"], expected)
         )
@@ -162,7 +166,7 @@ def test_the_command_ranks_what_the_function_ranks(
         run("twin", "next", path, "--sensors", "top", code=3)
     )
     assert "600" in one_line(run("twin", "next", path, "--speeds", "600", code=3))
-    widened = replace(plan, total_width=plan.candidates[1].total_width)
+    widened = replace(plan, total_interval_width=plan.candidates[1].total_interval_width)
     monkeypatch.setattr("swashtwin.calibration.plan_recording", lambda *args, **options: widened)
     shown = " ".join(run(*words).stdout.split())
     assert shown.count(" none ") == len(plan.candidates) - 1

@@ -155,8 +155,8 @@ def test_bounds_are_given_as_a_factor_or_by_name_or_letter(twin: Twin) -> None:
     ("bounds", "message"),
     [
         (0.5, "a factor above 1"),
-        ({"C_x": (1.0, 2.0)}, "none of"),
-        ({"C_v": (1.0, 2.0)}, "hold the nominal value 60000"),
+        ({"C_x": (1.0, 2.0)}, "is not an interface value"),
+        ({"C_v": (1.0, 2.0)}, "contain the nominal value 60000"),
         ({"C_v": (-1.0, 1e6)}, "must be positive"),
     ],
 )

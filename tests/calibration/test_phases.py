@@ -8,7 +8,11 @@ import pytest
 import torch
 
 from swashtwin.calibration import GaussNewton, Nuisances, build_objective, calibrate, measure
-from swashtwin.calibration.measurement import best_position, combine_lines, phased_lines
+from swashtwin.calibration.measurement import (
+    average_phased_lines,
+    find_shaft_position,
+    measure_phased_lines,
+)
 from swashtwin.foundation import DataError, mm, random_stream
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, SwashPlateDefect
@@ -53,7 +57,7 @@ def test_the_best_position_is_the_one_the_lines_were_turned_by():
     orders = 7 * np.arange(1, 13)
     lines = torch.as_tensor(rng.normal(size=12) + 1j * rng.normal(size=12))
     turned = lines * torch.as_tensor(np.exp(-0.4j * orders))
-    angle = best_position(turned * lines.conj(), torch.as_tensor(orders))
+    angle = find_shaft_position(turned * lines.conj(), torch.as_tensor(orders))
     assert math.remainder(float(angle) - 0.4, 2 * math.pi / 7) == pytest.approx(0, abs=1e-12)
 
 
@@ -61,16 +65,16 @@ def test_the_best_position_moves_as_its_derivative_says():
     rng = random_stream(1, "position")
     cross = torch.as_tensor(rng.normal(size=(2, 9)) + 1j * rng.normal(size=(2, 9))).requires_grad_()
     orders = torch.arange(1, 10) * 7
-    assert torch.autograd.gradcheck(lambda lines: best_position(lines, orders), cross)
+    assert torch.autograd.gradcheck(lambda lines: find_shaft_position(lines, orders), cross)
 
 
 def test_lines_of_a_swinging_speed_keep_amplitude_and_phase(nominal):
     orders = nominal.orders[(nominal.orders % 7 == 0) & (nominal.orders > 0)]
-    line, deviation = phased_lines(recorded(nominal), orders, 7)
+    line, deviation = measure_phased_lines(recorded(nominal), orders, 7)
     with torch.no_grad():
         simulated = nominal.acceleration().numpy()[:, np.isin(nominal.orders, orders)]
     angle = float(
-        best_position(
+        find_shaft_position(
             torch.as_tensor((simulated * line.conj()).sum(axis=0)), torch.as_tensor(orders)
         )
     )
@@ -82,10 +86,10 @@ def test_lines_of_a_swinging_speed_keep_amplitude_and_phase(nominal):
 def test_recordings_that_begin_at_other_shaft_positions_add_up(nominal):
     orders = np.array([7, 14, 21, 28])
     pairs = [
-        phased_lines(recorded(nominal, start, name=f"at {start}"), orders, 7)
+        measure_phased_lines(recorded(nominal, start, name=f"at {start}"), orders, 7)
         for start in (0.3, 1.7)
     ]
-    line, deviation = combine_lines(pairs, orders)
+    line, deviation = average_phased_lines(pairs, orders)
     np.testing.assert_allclose(np.abs(line), np.abs(pairs[0][0]), atol=0.02)
     assert deviation.shape == line.shape
 
@@ -133,4 +137,4 @@ def test_observables_with_phases_have_exact_derivatives(nominal, true):
 def test_a_recording_without_a_clear_line_has_no_phases(nominal):
     noise = replace(recorded(nominal), signal=random_stream(0, "noise").standard_normal((3, 25600)))
     with pytest.raises(DataError, match="stands clear"):
-        phased_lines(noise, np.array([7, 14]), 7)
+        measure_phased_lines(noise, np.array([7, 14]), 7)

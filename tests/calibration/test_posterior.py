@@ -21,7 +21,11 @@ from swashtwin.calibration.discrepancy import (
     linearize,
     noise_covariance,
 )
-from swashtwin.calibration.posterior import build_estimates, posterior_covariance, sandwich
+from swashtwin.calibration.posterior import (
+    build_estimates,
+    posterior_covariance,
+    sandwich_covariance,
+)
 from swashtwin.foundation import InputError, random_stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import Interfaces
@@ -124,7 +128,7 @@ def test_the_covariance_is_that_of_estimates_under_the_noise_it_names(
     objective: Objective, point: np.ndarray
 ) -> None:
     """Errors drawn from the covariance of a discrepancy move a linear search by as much as the
-    sandwich says.
+    sandwich_covariance says.
     """
     around = linearize(objective, point)
     discrepancy = replace(estimate_discrepancy(around), path=0.1, constants=(("mount", 0.05),))
@@ -136,7 +140,7 @@ def test_the_covariance_is_that_of_estimates_under_the_noise_it_names(
     precision = np.diag(objective.unknowns.deviation**-2.0)
     moved = np.linalg.solve(scaled.T @ scaled + precision, scaled.T @ (draws / around.sigma).T)
     identified = [2, 4, 5]
-    expected = np.sqrt(np.diag(sandwich(around, noise)))[identified]
+    expected = np.sqrt(np.diag(sandwich_covariance(around, noise)))[identified]
     np.testing.assert_allclose(moved.std(axis=1)[identified], expected, rtol=0.06)
 
 

@@ -10,7 +10,7 @@ import pytest
 from commandline import run, run_json
 
 from swashtwin.calibration import (
-    QUANTILE,
+    NORMAL_QUANTILE,
     Calibration,
     GaussNewton,
     Nuisances,
@@ -18,15 +18,15 @@ from swashtwin.calibration import (
     calibrate,
     estimate_severity,
 )
-from swashtwin.calibration.severity.dimensions import fault_space
+from swashtwin.calibration.severity.dimensions import build_fault_space
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
 from swashtwin.calibration.severity.profile_likelihood import (
     ProfileProblem,
-    interval_of,
+    find_interval,
     profile_likelihood,
 )
-from swashtwin.calibration.severity.severity import DimensionEstimate, either_law
-from swashtwin.calibration.severity.severity_search import _severity
+from swashtwin.calibration.severity.severity_result import DimensionEstimate, combine_laws
+from swashtwin.calibration.severity.severity_search import _estimate_severity
 from swashtwin.foundation import DataError, InputError, deg, mm, um
 from swashtwin.physics import Twin
 from swashtwin.pump import (
@@ -195,12 +195,12 @@ def test_a_recess_that_two_laws_explain_has_an_interval_around_both(
     (shared,) = estimate_severity(calibration, [record(LONG, "recess")], LONG, free=()).estimates
     depth = replace(shared.severity, interval=(mm(0.3), mm(0.9)), value=mm(0.6))
     lifting = replace(shared, dimensions=(depth,))
-    either = either_law((shared, 10.0), (lifting, 11.0))
+    either = combine_laws((shared, 10.0), (lifting, 11.0))
     assert either.severity.value == shared.severity.value
     assert either.severity.interval == (shared.severity.interval[0], mm(0.9))
     assert (shared.severity.verdict, either.severity.verdict) == ("identified", "weak")
-    assert "if contact=lift_off; the lines do not tell" in either.notes[-1]
-    assert either_law((shared, 20.0), (lifting, 11.0)).severity == depth
+    assert "if contact=lift_off; the lines do not decide" in either.notes[-1]
+    assert combine_laws((shared, 20.0), (lifting, 11.0)).severity == depth
 
 
 def test_a_change_is_known_better_than_either_severity(
@@ -212,7 +212,7 @@ def test_a_change_is_known_better_than_either_severity(
     assert severities[1].value / severities[0].value == pytest.approx(2, rel=0.15)
     assert repr(trend).startswith("<SeverityTrend of SwashPlateDefect: at_0.05: ")
     deviation = math.hypot(*(estimate.repeatability for estimate in trend.estimates))
-    assert 2 * QUANTILE * deviation < math.log(
+    assert 2 * NORMAL_QUANTILE * deviation < math.log(
         severities[1].interval[1] / severities[1].interval[0]
     )
 
@@ -253,7 +253,7 @@ class _TwoMinima(Inversion):
         self.n_unknowns, self.lower, self.upper = 0, np.array([0.0]), np.array([8.0])
         self.scale, self.steep = math.sqrt(height), steep
 
-    def at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def residuals_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and slopes."""
         x = float(point[0])
         ramp = self.scale * (x - 1) / 2
@@ -265,20 +265,20 @@ class _TwoMinima(Inversion):
 @pytest.mark.parametrize("height", [0.5, 2.5])
 def test_an_interval_reaches_around_all_minima_that_explain_the_lines(height: float) -> None:
     problem = _TwoMinima(height)
-    _, (low, high) = problem.profiled(
+    _, (low, high) = problem.profile_severity(
         [Minimum(np.array([1.0]), 0.0), Minimum(np.array([3.0]), height)]
     )
     assert low is not None
     assert high is not None
     assert 0.8 < low < 1
     assert 3 < high < 3.2
-    _, alone = problem.profiled([Minimum(np.array([1.0]), 0.0)])
+    _, alone = problem.profile_severity([Minimum(np.array([1.0]), 0.0)])
     assert alone[1] is not None
     assert alone[1] < 1.2
 
 
 def test_a_valley_that_only_the_profile_finds_is_the_estimate() -> None:
-    (deepest, *_), (low, high) = _TwoMinima(2.0, steep=1.0).profiled(
+    (deepest, *_), (low, high) = _TwoMinima(2.0, steep=1.0).profile_severity(
         [Minimum(np.array([2.9]), 1.84)]
     )
     assert deepest.point[0] == pytest.approx(1, abs=0.05)
@@ -289,10 +289,10 @@ def test_a_valley_that_only_the_profile_finds_is_the_estimate() -> None:
 
 def test_a_fault_that_is_there_is_never_called_not_detected() -> None:
     problem = _TwoMinima(2.0)
-    problem.space = fault_space(GrooveErosion(deg(5)))
+    problem.space = build_fault_space(GrooveErosion(deg(5)))
     verdicts = [
-        _severity(problem, np.array([0.8]), (None, 1.5), is_there=is_there).verdict
-        for is_there in (True, False)
+        _estimate_severity(problem, np.array([0.8]), (None, 1.5), is_detected=is_detected).verdict
+        for is_detected in (True, False)
     ]
     assert verdicts == ["not identified", "not detected"]
 
@@ -308,7 +308,7 @@ def test_recordings_that_do_not_belong_are_refused_or_left_out(
         estimate_severity(calibration, [other, unknown], LONG)
     with pytest.raises(DataError, match=r"2 machines \(A, B\)"):
         estimate_severity(calibration, [healthy[0], replace(healthy[1], specimen="B")], LONG)
-    with pytest.raises(DataError, match="the recording has the channels cover_z, the calibration"):
+    with pytest.raises(DataError, match="The recording has the channels cover_z, but the calibration"):
         estimate_severity(calibration, [healthy[0].select_channels(["cover_z"])], LONG)
     with pytest.raises(InputError, match=r"calibrated with a fault \(swash_plate\)"):
         estimate_severity(
@@ -360,7 +360,7 @@ def test_a_search_stays_where_pumps_run() -> None:
     class Runs(ProfileProblem):
         lower, upper = np.zeros(2), np.full(2, 9.0)
 
-        def at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def residuals_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             if point[0] > 3:
                 raise InputError("leaks all it displaces")
             return np.array([point[0] - 2.5, 0.1 * (point[0] ** 2 - 6), point[1] - 1]), np.array(
@@ -372,4 +372,4 @@ def test_a_search_stays_where_pumps_run() -> None:
     assert best == pytest.approx([2.5, 1.0], abs=0.05)
     coordinate, rise = profile_likelihood(problem, best, height, 0)
     assert coordinate.max() <= 3
-    assert interval_of(coordinate, rise)[1] is None
+    assert find_interval(coordinate, rise)[1] is None

@@ -37,7 +37,7 @@ def test_a_truth_beyond_the_tenfold_bounds_is_found_and_said_to_lie_there(
     assert not any(map(is_warning, calibration.notes))
 
 
-def test_stated_bounds_stay_and_a_value_they_stop_is_named_with_the_option(
+def test_stated_bounds_stay_and_a_value_they_stop_is_named_with_the_advice(
     twin: Twin, thick: Recording
 ) -> None:
     for bounds in (10.0, {"C_sw": (1.86e5, 1.86e7)}):
@@ -46,7 +46,7 @@ def test_stated_bounds_stay_and_a_value_they_stop_is_named_with_the_option(
         )
         assert stopped.estimate("C_sw").verdict == "at bound"
         assert stopped.estimate("C_sw").bounds == pytest.approx((1.86e5, 1.86e7))
-        assert any('--set "bounds=C_sw=' in note for note in stopped.notes)
+        assert any("specify wider bounds of C_sw" in note for note in stopped.notes)
 
 
 def test_the_papers_network_keeps_its_bounds_where_a_value_crosses_one(

@@ -141,7 +141,7 @@ def test_an_option_that_the_method_does_not_take_is_a_wrong_command_line(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "recordings of 2 machines (A, B): a calibration belongs to one pump"),
+        ((), "Recordings of 2 machines (A, B): a calibration belongs to one pump"),
         (
             ("--specimen", "A", "--pressure", "20 MPa"),
             "the pressure 20 MPa; there are pressures [MPa] 10, 15.",

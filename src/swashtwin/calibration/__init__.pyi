@@ -1,10 +1,12 @@
 """Names that other rooms import, and where each lives."""
 
+from .calibration_notes import is_warning as is_warning
+from .fault_law import FaultLaw as FaultLaw
 from .fit import Agreement as Agreement
 from .fit import Fit as Fit
 from .fit import Spectra as Spectra
-from .fit import agreement as agreement
 from .fit import average_agreements as average_agreements
+from .fit import evaluate_agreement as evaluate_agreement
 from .fit import evaluate_line_agreement as evaluate_line_agreement
 from .ipinn import IPINN as IPINN
 from .ipinn import PAPER_RATES as PAPER_RATES
@@ -18,16 +20,13 @@ from .measurement import measure as measure
 from .next_recording import CandidateRecording as CandidateRecording
 from .next_recording import RecordingPlan as RecordingPlan
 from .next_recording import plan_recording as plan_recording
-from .next_recording import total_width as total_width
-from .posterior import QUANTILE as QUANTILE
+from .next_recording import sum_interval_widths as sum_interval_widths
+from .posterior import NORMAL_QUANTILE as NORMAL_QUANTILE
 from .posterior import Estimate as Estimate
 from .posterior import Posterior as Posterior
 from .procedure import PAPER_CALIBRATION as PAPER_CALIBRATION
 from .procedure import calibrate as calibrate
-from .procedure import is_warning as is_warning
-from .recording_checks import detect_speed as detect_speed
 from .result import Calibration as Calibration
-from .result import FaultLaw as FaultLaw
 from .result import load_calibration as load_calibration
 from .result import twin_from_dict as twin_from_dict
 from .result import twin_to_dict as twin_to_dict
@@ -38,11 +37,12 @@ from .severity.dimensions import SeveritySearch as SeveritySearch
 from .severity.dimensions import get_severity_search as get_severity_search
 from .severity.dimensions import register_severity as register_severity
 from .severity.law_search import identify_law as identify_law
-from .severity.severity import Severity as Severity
-from .severity.severity import SeveritySettings as SeveritySettings
-from .severity.severity import SeverityTrend as SeverityTrend
+from .severity.severity_result import Severity as Severity
+from .severity.severity_result import SeveritySettings as SeveritySettings
+from .severity.severity_result import SeverityTrend as SeverityTrend
 from .severity.severity_search import estimate_severity as estimate_severity
 from .spectrum_objective import Objective as Objective
 from .spectrum_objective import build_objective as build_objective
-from .unknowns import VALUES as VALUES
+from .speed_detection import detect_speed as detect_speed
+from .unknowns import VALUE_SLICE as VALUE_SLICE
 from .unknowns import Nuisances as Nuisances

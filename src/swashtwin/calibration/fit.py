@@ -1,5 +1,5 @@
-"""Differences between twin and measurement, as the paper reports them: waveforms, spectra, RMSE,
-PE, SVE.
+"""Agreement of a twin with a measurement, as the paper reports it: waveforms, spectra, RMSE, PE,
+SVE.
 """
 
 from collections.abc import Sequence
@@ -25,17 +25,17 @@ from swashtwin.signals import (
     waveform_rmse,
 )
 
-MOST_WINDOWS = 8
+MAX_WINDOWS = 8
 """Windows compared per recording, evenly spread over it."""
-PHASES = 4
+SUBSAMPLE_SHIFTS = 4
 """Shifts tried within one sample; without them the error at 2.5 kHz and 25.6 kHz would be a
 tenth.
 """
-ERRORS = ("rmse", "relative_rmse", "peak_error", "spectrum_value_error")
-"""Figures of an `Agreement` that are zero at best."""
-DRAWS = 64
+ERROR_NAMES = ("rmse", "relative_rmse", "peak_error", "spectrum_value_error")
+"""Fields of an `Agreement` that are zero at best."""
+POSTERIOR_DRAWS = 64
 """Twins drawn from the posterior for the band of each line."""
-MARGIN = 5
+MARGIN_REVOLUTIONS = 5
 """Revolutions at each end, measured and simulated, that are not compared: the band filter settles
 there.
 """
@@ -46,9 +46,8 @@ class Agreement:
     """Differences between measured and simulated acceleration within the band.
 
     Waveforms are compared over windows of one revolution, each aligned over all phases, and
-    averaged over windows and
-    recordings: the shaft angle at the start of a recording is unknown. A model without noise cannot
-    reach zero.
+    averaged over windows and recordings: the shaft angle at the start of a recording is unknown. A
+    model without noise cannot reach zero.
     """
 
     rmse: float
@@ -78,9 +77,9 @@ class Waveforms:
     measured: Float[np.ndarray, "channel time"]
     """Measured acceleration [m/s^2], within the band."""
     nominal: Float[np.ndarray, "channel time"]
-    """The twin before calibration."""
+    """The nominal twin [m/s^2]."""
     calibrated: Float[np.ndarray, "channel time"]
-    """The twin after calibration."""
+    """The calibrated twin [m/s^2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,90 +95,102 @@ class Spectra:
     measured: Float[np.ndarray, "channel order"]
     """Measured amplitude [m/s^2]."""
     deviation: Float[np.ndarray, "channel order"]
-    """Its standard deviation [m/s^2]."""
+    """Standard deviation of the measured amplitude [m/s^2]."""
     nominal: Float[np.ndarray, "channel order"]
-    """The twin before calibration."""
+    """The nominal twin [m/s^2]."""
     calibrated: Float[np.ndarray, "channel order"]
-    """The twin after calibration."""
+    """The calibrated twin [m/s^2]."""
     low: Float[np.ndarray, "channel order"]
-    """Amplitude below which a twentieth of the twins drawn from the posterior lies."""
+    """Amplitude below which 5 % of the twins drawn from the posterior lie [m/s^2]."""
     high: Float[np.ndarray, "channel order"]
-    """Amplitude above which a twentieth of them lies; between both are 90 %."""
+    """Amplitude above which 5 % of them lie [m/s^2]; between both are 90 %."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Agreement with the recordings of one condition, before and after calibration."""
+    """Agreement with the recordings of one operating point, before and after calibration."""
 
     condition: OperatingCondition
-    """The condition."""
+    """The operating point."""
     recording_ids: tuple[str, ...]
     """Recordings measured there; the waveforms are of the first."""
-    before: Agreement
+    nominal_agreement: Agreement
     """Agreement of the nominal twin."""
-    after: Agreement
+    calibrated_agreement: Agreement
     """Agreement of the calibrated twin with the same recordings: no test, because it was calibrated
     on them.
     """
     spectra: Spectra
-    """Lines before and after."""
+    """Lines before and after calibration."""
     waveforms: Waveforms
-    """One revolution before and after."""
+    """One revolution before and after calibration."""
     duration: float
-    """Length of the recordings together [s]."""
+    """Total length of the recordings [s]."""
 
 
-def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: Posterior) -> Fit:
-    """Fit of both twins at the comparison's condition, with the range of each line under the
-    posterior.
+def evaluate_fit(
+    comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: Posterior
+) -> Fit:
+    """Return the fit of both twins at the comparison's operating point.
+
+    Its spectra hold the range of each line under the posterior.
     """
-    measurement, condition = comparison.measurement, comparison.twin.condition
-    amplitudes, agreements, excerpts = [], [], []
+    measurement = comparison.measurement
+    condition = comparison.twin.condition
+
+    amplitudes, agreements, waveforms = [], [], []
     for twin in (nominal.at(condition), calibrated.at(condition)):
-        amplitudes.append(comparison.amplitude_of(twin))
-        near, measured, simulated = agreement(measurement, twin, amplitudes[-1])
-        agreements.append(near)
-        excerpts.append(simulated)
+        amplitude = comparison.amplitude_of(twin)
+        agreement, measured_waveform, waveform = evaluate_agreement(measurement, twin, amplitude)
+        amplitudes.append(amplitude)
+        agreements.append(agreement)
+        waveforms.append(waveform)
+
+    points = torch.as_tensor(posterior.draws(POSTERIOR_DRAWS, seed=0))
     with torch.no_grad():
-        draws = (
-            comparison.lines(posterior.unknowns, torch.as_tensor(posterior.draws(DRAWS, seed=0)))
-            .abs()
-            .numpy()
-        )
-    low, high = np.quantile(draws, (0.05, 0.95), axis=0)
-    spectra = Spectra(
-        channels=measurement.channels,
-        orders=measurement.orders,
-        frequency=measurement.orders * condition.shaft_frequency,
-        measured=measurement.amplitude,
-        deviation=measurement.deviation,
-        nominal=amplitudes[0],
-        calibrated=amplitudes[1],
-        low=low,
-        high=high,
+        drawn_amplitudes = comparison.lines(posterior.unknowns, points).abs().numpy()
+    low, high = np.quantile(drawn_amplitudes, (0.05, 0.95), axis=0)
+
+    sample_rate = measurement.recordings[0].sample_rate
+    return Fit(
+        condition=condition,
+        recording_ids=measurement.recording_ids,
+        nominal_agreement=agreements[0],
+        calibrated_agreement=agreements[1],
+        spectra=Spectra(
+            channels=measurement.channels,
+            orders=measurement.orders,
+            frequency=measurement.orders * condition.shaft_frequency,
+            measured=measurement.amplitude,
+            deviation=measurement.deviation,
+            nominal=amplitudes[0],
+            calibrated=amplitudes[1],
+            low=low,
+            high=high,
+        ),
+        waveforms=Waveforms(
+            time=np.arange(measured_waveform.shape[1]) / sample_rate,
+            measured=measured_waveform,
+            nominal=waveforms[0],
+            calibrated=waveforms[1],
+        ),
+        duration=sum(recording.duration for recording in measurement.recordings),
     )
-    times = np.arange(measured.shape[1]) / measurement.recordings[0].sample_rate
-    before, after = agreements
-    waveforms = Waveforms(times, measured, *excerpts)
-    duration = sum(recording.duration for recording in measurement.recordings)
-    return Fit(condition, measurement.recording_ids, before, after, spectra, waveforms, duration)
 
 
 def average_agreements(agreements: Sequence[Agreement]) -> Agreement:
-    """Mean of each figure."""
-    names = [item.name for item in fields(Agreement)]
-    return Agreement(
-        **{
-            name: float(np.mean([getattr(agreement, name) for agreement in agreements]))
-            for name in names
-        }
-    )
+    """Return the mean of each field."""
+    means = {
+        error.name: float(np.mean([getattr(agreement, error.name) for agreement in agreements]))
+        for error in fields(Agreement)
+    }
+    return Agreement(**means)
 
 
-def agreement(
+def evaluate_agreement(
     measurement: Measurement, twin: Twin, amplitude: Float[np.ndarray, "channel order"]
 ) -> tuple[Agreement, Float[np.ndarray, "channel time"], Float[np.ndarray, "channel time"]]:
-    """Differences, and one revolution of the first recording measured and simulated.
+    """Return the agreement, and one revolution of the first recording, measured and simulated.
 
     Parameters
     ----------
@@ -197,71 +208,84 @@ def evaluate_line_agreement(
     orders: Int[np.ndarray, " line"],
     amplitude: Float[np.ndarray, "channel order"],
 ) -> tuple[Agreement, Float[np.ndarray, "channel time"], Float[np.ndarray, "channel time"]]:
-    """The same of complex lines [m/s^2] at shaft `orders`, wherever they come from.
+    """Return what `evaluate_agreement` does for complex lines [m/s^2] at shaft `orders`.
 
     Parameters
     ----------
-    amplitude : their amplitudes [m/s^2] at the measurement's orders.
+    amplitude : amplitudes of the lines [m/s^2] at the measurement's orders.
     """
-    rmses, relative, peaks, excerpts = [], [], [], []
+    windows = []
     for recording in measurement.recordings:
-        turn = _samples_per_turn(recording)
-        low, high = (
-            max(measurement.band[0], 0.5 * recording.sample_rate / turn),
-            measurement.band[1],
-        )
-        measured = band_limited(recording.signal, recording.sample_rate, low, high)
-        shifted = [
-            _simulated(lines, orders, recording, (low, high), step / PHASES)
-            for step in range(PHASES)
-        ]
-        turns = measured.shape[1] // turn - 2 * MARGIN
-        for number in np.unique(
-            np.linspace(MARGIN, MARGIN + turns - 1, min(MOST_WINDOWS, turns)).astype(int)
-        ):
-            start = number * turn
-            window = measured[:, start : start + turn]
-            candidates = [aligned(window, simulated) for simulated in shifted]
-            errors = [waveform_rmse(window, candidate) for candidate in candidates]
-            twins = candidates[int(np.argmin(errors))]
-            rmses.append(min(errors))
-            relative.append(min(errors) / float(np.sqrt(np.mean(window**2))))
-            peaks.append(peak_error(window, twins))
-            excerpts.append((window, twins))
-    result = Agreement(
+        windows += _align_windows(recording, lines, orders, measurement.band)
+
+    rmses = [waveform_rmse(measured, simulated) for measured, simulated in windows]
+    measured_rms = [float(np.sqrt(np.mean(measured**2))) for measured, _ in windows]
+    relative = [error / rms for error, rms in zip(rmses, measured_rms, strict=True)]
+    peaks = [peak_error(measured, simulated) for measured, simulated in windows]
+
+    agreement = Agreement(
         rmse=float(np.mean(rmses)),
         relative_rmse=float(np.mean(relative)),
         peak_error=float(np.mean(peaks)),
         spectrum_value_error=spectrum_value_error(measurement.amplitude, amplitude),
         spectral_correlation=spectral_correlation(measurement.amplitude, amplitude),
     )
-    return result, *excerpts[0]
+    return agreement, *windows[0]
 
 
-def _samples_per_turn(recording: Recording) -> int:
-    assert recording.condition is not None  # measurements hold none without
+def _align_windows(
+    recording: Recording, lines: np.ndarray, orders: np.ndarray, band: tuple[float, float]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return windows of one revolution, measured and simulated, aligned."""
+    turn = _samples_per_revolution(recording)
+    # half the shaft frequency at least, so that no slow drift counts
+    low = max(band[0], 0.5 * recording.sample_rate / turn)
+    high = band[1]
+    measured = band_limited(recording.signal, recording.sample_rate, low, high)
+    simulations = [
+        _simulate_waveform(lines, orders, recording, (low, high), step / SUBSAMPLE_SHIFTS)
+        for step in range(SUBSAMPLE_SHIFTS)
+    ]
+
+    n_turns = measured.shape[1] // turn - 2 * MARGIN_REVOLUTIONS
+    last_turn = MARGIN_REVOLUTIONS + n_turns - 1
+    selected_turns = np.unique(
+        np.linspace(MARGIN_REVOLUTIONS, last_turn, min(MAX_WINDOWS, n_turns)).astype(int)
+    )
+
+    windows = []
+    for turn_index in selected_turns:
+        start = turn_index * turn
+        window = measured[:, start : start + turn]
+        candidates = [aligned(window, simulated) for simulated in simulations]
+        errors = [waveform_rmse(window, candidate) for candidate in candidates]
+        windows.append((window, candidates[int(np.argmin(errors))]))
+    return windows
+
+
+def _samples_per_revolution(recording: Recording) -> int:
+    assert recording.condition is not None  # a measurement holds no recording without one
     return round(recording.condition.period * recording.sample_rate)
 
 
-def _simulated(
+def _simulate_waveform(
     lines: np.ndarray,
     orders: np.ndarray,
     recording: Recording,
     band: tuple[float, float],
     shift: float,
 ) -> Float[np.ndarray, "channel time"]:
-    """Two revolutions at the recording's speed and rate, through its filter, the start shifted by
-    `shift` [sample].
+    """Return two revolutions at the recording's speed and rate, through its filter, the start
+    shifted by `shift` [sample].
     """
     assert recording.condition is not None
-    turn = _samples_per_turn(recording)
-    is_resolved = orders * recording.condition.shaft_frequency < 0.49 * recording.sample_rate
-    angle = (
-        recording.condition.speed
-        * (np.arange((2 + 2 * MARGIN) * turn) + shift)
-        / recording.sample_rate
-    )
+    rate = recording.sample_rate
+    turn = _samples_per_revolution(recording)
+
+    is_resolved = orders * recording.condition.shaft_frequency < 0.49 * rate
+    samples = np.arange((2 + 2 * MARGIN_REVOLUTIONS) * turn) + shift
+    angle = recording.condition.speed * samples / rate
     signal = synchronous_signal(lines[:, is_resolved], orders[is_resolved], angle)
-    return band_limited(signal, recording.sample_rate, *band)[
-        :, MARGIN * turn : (2 + MARGIN) * turn
-    ]
+
+    margin = MARGIN_REVOLUTIONS * turn
+    return band_limited(signal, rate, *band)[:, margin : margin + 2 * turn]

@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from swashtwin.calibration.search import EXACT, History, Progress, Search
+from swashtwin.calibration.search import EXACT_SOLVER, History, Progress, SearchResult
 from swashtwin.calibration.spectrum_objective import MODEL_ERROR, Objective
-from swashtwin.calibration.unknowns import CONSTANTS, REACH, VALUES
+from swashtwin.calibration.unknowns import CONSTANT_BOUND_STDS, CONSTANT_SLICE, VALUE_SLICE
 from swashtwin.foundation import DataError, InputError, TorchStream, derive_seed, one_thread
 from swashtwin.physics import SteadySolver
 
@@ -30,15 +30,15 @@ class IPINN:
 
         loss = spectrum loss + boundary loss
 
-    with Adam; the result is the epoch of least loss. The paper gives channels, learning rate,
-    epochs, the form of P and both losses. Our reading, where it is silent: one window of
+    with Adam; the result is the epoch of minimum loss. The paper gives channels, learning rate,
+    epochs, the form of P and both losses. Our reading of what it does not give: one window of
     `revolutions` of the first recording, all channels divided by their common RMS; kernels of
     `kernel` samples at a `stride`, ReLU, and the mean over time before the dense layer; S is the
     power of ten below each nominal value; the dense layer's bias makes the first pass give the
     nominal values exactly; spectra are compared at the piston-pass lines, relative to the RMS of
     the measured ones; beyond a bound the model is given the bound, so that it always simulates a
-    possible pump, while the boundary loss pulls the value back. Constants searched beside the six
-    values count with their priors.
+    possible pump, while the boundary loss pulls the value back. Constants that are searched with
+    the six values count with their priors.
 
     One calibration trains one network for one measurement: the network is a way to search, not to
     be used again. Lines compared are the measurement's, whichever these are.
@@ -56,15 +56,16 @@ class IPINN:
     """Samples that a convolution covers."""
     stride: int = 4
     """Samples between its positions."""
-    solver: SteadySolver = EXACT
-    """What solves the equations; the paper's is `RK4`, which gives the same lines a few times
-    slower.
+    solver: SteadySolver = EXACT_SOLVER
+    """Solver of the equations of motion; the paper's is `RK4`, which gives the same lines a few
+    times slower.
     """
 
     def __post_init__(self) -> None:
         if self.epochs < 1 or not self.channels:
             raise InputError(
-                f"epochs ({self.epochs}) must be at least 1, and channels ({self.channels}) not empty."
+                f"epochs ({self.epochs}) must be at least 1, and channels ({self.channels}) not "
+                "empty."
             )
         if not 0 < self.learning_rate < 1:
             raise InputError(
@@ -75,67 +76,90 @@ class IPINN:
 
     def search(
         self, objective: Objective, *, seed: int, progress: Progress | None = None
-    ) -> Search:
-        """Values of the epoch with the least loss; see `Calibrator`."""
-        window = measured_window(objective, self.revolutions)
-        rows: list[tuple[float, float, float, float]] = []
-        path: list[np.ndarray] = []
-        best = 0
+    ) -> SearchResult:
+        """Return the result of the epoch with the minimum loss; see `Calibrator`."""
+        window = select_window(objective, self.revolutions)
+        losses: list[list[float]] = []
+        gradient_norms: list[float] = []
+        points: list[np.ndarray] = []
+        best_epoch = 0
+
         with one_thread():
             with TorchStream(derive_seed(seed, "ipinn", "weights")):
                 network = ParameterNetwork(self, window, objective)
             optimizer = torch.optim.Adam(network.parameters(), lr=self.learning_rate)
+
             for epoch in range(self.epochs):
-                point, losses = self._losses(objective, *network(window))
-                loss = losses.sum()
+                point, epoch_losses = self._compute_losses(objective, *network(window))
+                loss = epoch_losses.sum()
                 if not torch.isfinite(loss):
                     raise InputError(
-                        f"the loss is {loss.item()} in epoch {epoch + 1}; lower learning_rate."
+                        f"The loss is {loss.item()} in epoch {epoch + 1}: lower learning_rate.",
+                        field="learning_rate",
                     )
                 optimizer.zero_grad()
                 loss.backward()
                 optimizer.step()
-                slopes = [
-                    weights.grad.norm()
-                    for weights in network.parameters()
-                    if weights.grad is not None
-                ]
-                rows.append((*losses.tolist(), float(torch.stack(slopes).norm())))
-                path.append(point.detach().numpy())
-                best = epoch if sum(rows[epoch][:3]) < sum(rows[best][:3]) else best
+
+                losses.append(epoch_losses.tolist())
+                gradient_norms.append(_gradient_norm(network))
+                points.append(point.detach().numpy())
+                if sum(losses[epoch]) < sum(losses[best_epoch]):
+                    best_epoch = epoch
                 if progress is not None:
                     progress(epoch + 1, self.epochs, loss.item())
-        spectrum, boundary, prior, gradient = np.array(rows).T
-        history = History(spectrum, boundary, np.array(path), best, prior, gradient)
-        return Search(point=path[best], history=history, simulations=len(rows))
 
-    def _losses(self, objective: Objective, values: Tensor, rest: Tensor) -> tuple[Tensor, Tensor]:
-        """Point of what the network gave, and the spectrum, boundary and prior loss there."""
-        if not bool(torch.isfinite(values).all()):
-            raise InputError("the network's values are no longer finite; lower learning_rate.")
-        lower, upper = (
-            torch.as_tensor(objective.unknowns.space.lower),
-            torch.as_tensor(objective.unknowns.space.upper),
+        spectrum, boundary, prior = np.array(losses).T
+        history = History(
+            spectrum_loss=spectrum,
+            boundary_loss=boundary,
+            points=np.array(points),
+            best_step=best_epoch,
+            prior_loss=prior,
+            gradient_norm=np.array(gradient_norms),
         )
-        possible = torch.minimum(torch.maximum(values, lower), upper)
-        point = torch.cat([possible.log(), rest])
-        spectrum = objective.spectrum_loss(point, solver=self.solver)
-        prior = torch.zeros_like(spectrum)
-        if len(
-            rest
-        ):  # in units of the model error, in which the spectrum loss is about that of weighted lines
-            unknowns = objective.unknowns
-            center, deviation = (
-                torch.as_tensor(row[CONSTANTS]) for row in (unknowns.center, unknowns.deviation)
+        return SearchResult(points[best_epoch], history, simulations=len(losses))
+
+    def _compute_losses(
+        self, objective: Objective, values: Tensor, constants: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return the point of the network's output, and the spectrum, boundary and prior loss
+        there.
+        """
+        if not bool(torch.isfinite(values).all()):
+            raise InputError(
+                "The network's values are no longer finite: lower learning_rate.",
+                field="learning_rate",
             )
-            away = ((rest - center) / deviation).square().sum() / objective.measured.numel()
-            prior = MODEL_ERROR * ((spectrum / MODEL_ERROR).square() + away).sqrt() - spectrum
-        return point, torch.stack([spectrum, objective.unknowns.space.boundary_loss(values), prior])
+
+        unknowns = objective.unknowns
+        lower = torch.as_tensor(unknowns.space.lower)
+        upper = torch.as_tensor(unknowns.space.upper)
+        possible = torch.minimum(torch.maximum(values, lower), upper)
+        point = torch.cat([possible.log(), constants])
+        spectrum = objective.spectrum_loss(point, solver=self.solver)
+
+        prior = torch.zeros_like(spectrum)
+        if len(constants):
+            center = torch.as_tensor(unknowns.center[CONSTANT_SLICE])
+            deviation = torch.as_tensor(unknowns.deviation[CONSTANT_SLICE])
+            distance = ((constants - center) / deviation).square().sum()
+            penalty = distance / objective.measured.numel()
+            # in units of the model error, the spectrum loss is about that of weighted lines
+            prior = MODEL_ERROR * ((spectrum / MODEL_ERROR).square() + penalty).sqrt() - spectrum
+
+        return point, torch.stack([spectrum, unknowns.space.boundary_loss(values), prior])
+
+
+def _gradient_norm(network: nn.Module) -> float:
+    """Return the norm of the gradient with respect to all weights."""
+    norms = [weights.grad.norm() for weights in network.parameters() if weights.grad is not None]
+    return float(torch.stack(norms).norm())
 
 
 class ParameterNetwork(nn.Module):
-    """The paper's network, from a measured window to six interface values and whatever else is
-    searched.
+    """The paper's network, from a measured window to six interface values and all constants that
+    are searched.
     """
 
     scale: Tensor
@@ -146,49 +170,61 @@ class ParameterNetwork(nn.Module):
         self, settings: IPINN, window: Float[Tensor, "channel time"], objective: Objective
     ) -> None:
         super().__init__()
-        unknowns, nominal = objective.unknowns, objective.unknowns.space.nominal
+        unknowns = objective.unknowns
+        nominal = unknowns.space.nominal
+
         sizes = (len(window), *settings.channels)
         layers: list[nn.Module] = []
-        for before, after in pairwise(sizes):
+        for n_inputs, n_outputs in pairwise(sizes):
+            padding = settings.kernel // 2
             layers += [
-                nn.Conv1d(before, after, settings.kernel, settings.stride, settings.kernel // 2),
+                nn.Conv1d(n_inputs, n_outputs, settings.kernel, settings.stride, padding),
                 nn.ReLU(),
             ]
         self.features = nn.Sequential(*layers, nn.AdaptiveAvgPool1d(1), nn.Flatten(-2))
         self.dense = nn.Linear(sizes[-1], len(unknowns))
+
         magnitude = 10 ** np.floor(np.log10(nominal))
         self.register_buffer("scale", torch.as_tensor(magnitude))
-        self.register_buffer("center", torch.as_tensor(unknowns.start[CONSTANTS]))
-        self.register_buffer("deviation", torch.as_tensor(unknowns.deviation[CONSTANTS]))
+        self.register_buffer("center", torch.as_tensor(unknowns.start[CONSTANT_SLICE]))
+        self.register_buffer("deviation", torch.as_tensor(unknowns.deviation[CONSTANT_SLICE]))
+
+        # the first pass gives the nominal values exactly
         start = np.zeros(len(unknowns))
-        start[VALUES] = nominal / magnitude
+        start[VALUE_SLICE] = nominal / magnitude
         with torch.no_grad():
             self.dense.bias.zero_()
             self.dense.bias.copy_(torch.as_tensor(start) - self.dense(self.features(window)))
 
     def forward(
         self, window: Float[Tensor, "channel time"]
-    ) -> tuple[Float[Tensor, " 6"], Float[Tensor, " rest"]]:
-        """Interface values, and the other coordinates within four deviations of their priors'
+    ) -> tuple[Float[Tensor, " 6"], Float[Tensor, " constant"]]:
+        """Return interface values, and the constants within four deviations of their priors'
         means; float64.
         """
         output = self.dense(self.features(window)).double()
-        return self.scale * output[VALUES], self.center + self.deviation * REACH * torch.tanh(
-            output[CONSTANTS] / REACH
-        )
+        reach = CONSTANT_BOUND_STDS
+        offset = reach * torch.tanh(output[CONSTANT_SLICE] / reach)
+        return self.scale * output[VALUE_SLICE], self.center + self.deviation * offset
 
 
-def measured_window(objective: Objective, revolutions: float) -> Float[Tensor, "channel time"]:
-    """Start of the first recording; all channels over their common RMS, float32. A `DataError`
-    where it is shorter.
+def select_window(objective: Objective, revolutions: float) -> Float[Tensor, "channel time"]:
+    """Return the start of the first recording; all channels over their common RMS, float32.
+
+    Raises
+    ------
+    DataError
+        The recording is shorter.
     """
-    first = objective.comparisons[0]
-    recording = first.measurement.recordings[0]
-    length = round(revolutions * first.twin.condition.period * recording.sample_rate)
+    comparison = objective.comparisons[0]
+    recording = comparison.measurement.recordings[0]
+    length = round(revolutions * comparison.twin.condition.period * recording.sample_rate)
     if length > recording.signal.shape[1]:
         raise DataError(
-            f"{recording.recording_id} ({recording.duration:.4g} s) is shorter than the {revolutions:g} revolutions "
-            f"({length / recording.sample_rate:.4g} s) that the network reads."
+            f"{recording.recording_id} ({recording.duration:.4g} s) is shorter than the "
+            f"{revolutions:g} revolutions ({length / recording.sample_rate:.4g} s) that the "
+            "network reads."
         )
-    window = recording.signal[:, :length] - recording.signal[:, :length].mean(axis=1, keepdims=True)
+    signal = recording.signal[:, :length]
+    window = signal - signal.mean(axis=1, keepdims=True)
     return torch.as_tensor(window / np.sqrt(np.mean(window**2)), dtype=torch.float32)

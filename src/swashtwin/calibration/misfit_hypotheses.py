@@ -1,16 +1,17 @@
 """Simple mistakes that would explain a misfit; for each the twin is calibrated again as if it had
 been made.
 
-Where such a mistake moves only what is searched anyway, the point that it leads to is another place
-to start from: a mode of the mounting on the wrong side of a line is a valley of its own
+If such a mistake moves only what is searched anyway, the point that it leads to is a further start
+of the search: a mode of the mounting on the wrong side of a line is a separate valley
 (`MisfitHypothesis.start`).
 
 Tried are two channels with each other's name, the other topology, other pressures, one channel read
 in another unit, each direction of the mounting, each bearing, and each constant, searched from
-several places. A mistake is suspected where the misfit then falls to `EXPLAINED` of what it was,
-which a number more does not do where it explains nothing, and where the fall is beyond chance
-(`BEYOND_CHANCE`). Only mistakes of this list can be named; a twin that is wrong in another way (the
-timing of the ports, the place of a defect) shows in the misfit only, or not at all.
+several starts. A mistake is suspected if the misfit then falls to `MAX_REMAINING_SHARE` of the
+original one, which a further unknown does not achieve if it explains nothing, and if the fall is
+beyond chance (`MIN_SQUARES_FALL`). Only mistakes of this list can be named; a twin that is wrong in
+another way (the timing of the ports, the position of a defect) shows in the misfit only, or not at
+all.
 """
 
 import math
@@ -19,49 +20,50 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from swashtwin.calibration.measurement import GRAVITY
-from swashtwin.calibration.posterior import LARGE, compute_misfit, is_in_doubt
+from swashtwin.calibration.posterior import DOUBTFUL_MISFIT, compute_misfit, is_in_doubt
 from swashtwin.calibration.search import GaussNewton
-from swashtwin.calibration.spectrum_objective import Objective
-from swashtwin.calibration.unknowns import SCALES, Nuisances
+from swashtwin.calibration.spectrum_objective import Comparison, Objective
+from swashtwin.calibration.unknowns import SCALE_NAMES, Nuisances
 from swashtwin.physics import Topology
 
-EXPLAINED = 0.7
-"""Share of the misfit that is left at most where a mistake is suspected."""
-BEYOND_CHANCE = 20.0
-"""By how much the sum of squares over `Comparison.sigma` must fall: noise does so, with one to
-three numbers more and eight mistakes tried, once in a thousand cases.
+MAX_REMAINING_SHARE = 0.7
+"""Share of the misfit that a suspected mistake leaves at most."""
+MIN_SQUARES_FALL = 20.0
+"""Minimum fall of the sum of squares over `Comparison.sigma`: noise reaches it, with one to three
+further unknowns and eight mistakes tried, once in a thousand cases.
 """
-ALIKE = 1.15
-"""Mistakes that leave up to this factor of the least misfit are suspected as well: the lines do not
-distinguish them.
+TIE_FACTOR = 1.15
+"""Mistakes that leave up to this factor of the smallest misfit are suspected as well: the lines do
+not distinguish them.
 """
-WIDE = Nuisances(
+WIDE_PRIORS = Nuisances(
     mount=0.5, bearing=0.5, excitation=1.0, sensor=1.5, mount_axes=0.5, each_bearing=0.5, gains=1.5
 )
-"""Priors of constants that may be wrong by mistake: wider than the usual ones."""
-AWAY = {
+"""Priors of constants that may be wrong by mistake: wider than the typical ones."""
+START_OFFSETS = {
     "mount": (-0.5, 0.0, 0.5),
     "bearing": (-0.5, 0.0, 0.5),
     "excitation": (0.0,),
     "sensor": (-math.log(GRAVITY), 0.0),
 }
-"""Where the search of a constant starts, in logarithms from the twin's: a mode on the other side of
-a line is a valley of its own, and so is another unit.
+"""Starts of the search of a constant, in logarithms from the twin's: a mode on the other side of a
+line is a separate valley, and so is another unit.
 """
-NAMES = {
+CONSTANT_NAMES = {
     "mount": "the mounting's stiffness",
     "bearing": "the bearings' stiffness",
     "excitation": "the defect's excitation",
     "sensor": "the gain of all channels",
 }
-"""What the constants are called."""
-PRESSURES = (0.8, 0.9, 1.1, 1.25)
-"""Factors on the stated discharge pressure that are tried."""
-IN_G = ": in g?"
+"""Descriptions of the constants."""
+PRESSURE_FACTORS = (0.8, 0.9, 1.1, 1.25)
+"""Factors on the specified discharge pressure that are tried."""
+MIN_REPORTED_CHANGE = 0.1
+"""Change of the logarithm of a support's stiffness from which it is reported."""
+_IN_G = ": are its samples in g?"
 _REFIT = GaussNewton(starts=1, max_iterations=8)
 
 
@@ -70,190 +72,217 @@ class MisfitHypothesis:
     """A mistake that would explain the misfit."""
 
     mistake: str
-    """What it would be, as a clause."""
+    """The mistake, as a clause."""
     misfit: float
-    """RMS of the missed lines, in what was expected of them, had it been made."""
-    before: float
-    """The same as it is."""
+    """RMS of the missed lines, relative to what was expected, if the mistake had been made."""
+    original_misfit: float
+    """The same as calibrated."""
     start: Float[np.ndarray, " unknown"] | None = None
-    """Coordinates of the same search that it leads to; None where it leads to no other place."""
+    """Coordinates of the same search that the mistake leads to; `None` if it changes something
+    that is not searched.
+    """
 
     @property
-    def words(self) -> str:
-        """It as a sentence."""
-        return f"the misfit falls from {self.before:.2g} to {self.misfit:.2g} if {self.mistake}"
+    def description(self) -> str:
+        """The hypothesis as a sentence without full stop."""
+        return (
+            f"the misfit falls from {self.original_misfit:.2g} to {self.misfit:.2g} if "
+            f"{self.mistake}"
+        )
 
 
-def suspected_mistakes(
+def find_suspected_mistakes(
     objective: Objective, point: Float[np.ndarray, " unknown"]
 ) -> tuple[MisfitHypothesis, ...]:
-    """`misfit_hypotheses` at the point found, where its misfit is `LARGE` or the fit is in
-    doubt.
+    """Return the mistakes that would explain the misfit at `point`, if there is something to
+    explain.
+
+    That is if the misfit exceeds `DOUBTFUL_MISFIT` or the fit is in doubt.
     """
     misfit = compute_misfit(objective, point)
-    is_odd = misfit > LARGE or is_in_doubt(objective.unknowns, point, misfit)
-    return misfit_hypotheses(objective, misfit) if is_odd else ()
+    if misfit > DOUBTFUL_MISFIT or is_in_doubt(objective.unknowns, point, misfit):
+        return find_misfit_hypotheses(objective, misfit)
+    return ()
 
 
-def misfit_hypotheses(objective: Objective, misfit: float) -> tuple[MisfitHypothesis, ...]:
-    """Mistakes that would explain a misfit (`compute_misfit`), the likeliest first; none where no single
-    one does.
+def find_misfit_hypotheses(objective: Objective, misfit: float) -> tuple[MisfitHypothesis, ...]:
+    """Return mistakes that would explain a misfit (`compute_misfit`), the likeliest first.
+
+    The result is empty if no single mistake explains it.
     """
     count = objective.measured.numel()
-    if count * misfit**2 < BEYOND_CHANCE:
+    if count * misfit**2 < MIN_SQUARES_FALL:
         return ()
-    most = min(EXPLAINED * misfit, float(np.sqrt(misfit**2 - BEYOND_CHANCE / count)))
-    mistakes = (
+    limit = min(MAX_REMAINING_SHARE * misfit, float(np.sqrt(misfit**2 - MIN_SQUARES_FALL / count)))
+
+    hypotheses: list[MisfitHypothesis] = []
+    for make_mistake in (
         _swap_channels,
         _change_topology,
         _change_pressure,
         _free_constants,
         _free_supports,
         _free_gains,
-    )
-    hypotheses = [hypothesis for mistake in mistakes for hypothesis in mistake(objective, misfit)]
+    ):
+        hypotheses += make_mistake(objective, misfit)
+
     likely = sorted(
-        (item for item in hypotheses if item.misfit < most), key=lambda item: item.misfit
+        (hypothesis for hypothesis in hypotheses if hypothesis.misfit < limit),
+        key=lambda hypothesis: hypothesis.misfit,
     )
-    return tuple(item for item in likely if item.misfit <= ALIKE * likely[0].misfit)
+    return tuple(
+        hypothesis for hypothesis in likely if hypothesis.misfit <= TIE_FACTOR * likely[0].misfit
+    )
 
 
 def _refit(objective: Objective) -> tuple[np.ndarray, float]:
-    """Point of another calibration, and the misfit there."""
+    """Return the point of another calibration, and the misfit there."""
     point = _REFIT.search(objective, seed=0).point
-    with torch.no_grad():
-        return point, float(objective.weighted_loss(torch.as_tensor(point)))
+    return point, compute_misfit(objective, point)
 
 
-def _swap_channels(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
+def _swap_channels(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+    """Each pair of channels with each other's name."""
     for first, second in combinations(objective.channels, 2):
         names = {first: second, second: first}
-        changed = []
-        for each in objective.comparisons:
-            measurement = replace(
-                each.measurement, channels=tuple(names.get(n, n) for n in each.measurement.channels)
-            )
-            searched = tuple(names.get(name, name) for name in each.searched)
-            changed.append(replace(each, measurement=measurement, searched=searched))
-        _, misfit = _refit(replace(objective, comparisons=tuple(changed)))
-        yield MisfitHypothesis(
-            f"{first} and {second} have each other's name: look at the wiring", misfit, before
+        comparisons = tuple(
+            _rename_channels(comparison, names) for comparison in objective.comparisons
         )
+        _, misfit = _refit(replace(objective, comparisons=comparisons))
+        mistake = f"{first} and {second} have each other's name: check the wiring"
+        yield MisfitHypothesis(mistake, misfit, original_misfit)
 
 
-def _change_topology(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
-    other: Topology = "T2" if objective.twin.topology == "T1" else "T1"
-    changed = tuple(
-        replace(each, twin=replace(each.twin, topology=other)) for each in objective.comparisons
+def _rename_channels(comparison: Comparison, names: dict[str, str]) -> Comparison:
+    """Return the comparison with other channel names; those not in `names` stay."""
+    measurement = comparison.measurement
+    channels = tuple(names.get(name, name) for name in measurement.channels)
+    searched = tuple(names.get(name, name) for name in comparison.searched_channels)
+    return replace(
+        comparison,
+        measurement=replace(measurement, channels=channels),
+        searched_channels=searched,
     )
-    _, misfit = _refit(replace(objective, comparisons=changed))
-    yield MisfitHypothesis(f"the bodies are joined as in topology {other}", misfit, before)
 
 
-def _change_pressure(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
-    """Other discharge pressures than stated; the factor of least misfit."""
+def _change_topology(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+    """The other topology."""
+    topology: Topology = "T2" if objective.twin.topology == "T1" else "T1"
+    comparisons = tuple(
+        replace(comparison, twin=replace(comparison.twin, topology=topology))
+        for comparison in objective.comparisons
+    )
+    _, misfit = _refit(replace(objective, comparisons=comparisons))
+    mistake = f"the bodies are joined as in topology {topology}"
+    yield MisfitHypothesis(mistake, misfit, original_misfit)
+
+
+def _change_pressure(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+    """Other discharge pressures than specified; the factor of smallest misfit."""
     refits = []
-    for factor in PRESSURES:
-        changed = []
-        for each in objective.comparisons:
-            condition = each.twin.condition
-            pressure = factor * condition.discharge_pressure
-            changed.append(
-                replace(each, twin=each.twin.at(condition.replace(discharge_pressure=pressure)))
-            )
-        refits.append((*_refit(replace(objective, comparisons=tuple(changed))), factor))
-    point, misfit, factor = min(refits, key=lambda refit: refit[1])
-    yield MisfitHypothesis(
-        f"the discharge pressure is about {factor:g} times the stated one", misfit, before, point
-    )
+    for factor in PRESSURE_FACTORS:
+        comparisons = []
+        for comparison in objective.comparisons:
+            condition = comparison.twin.condition
+            changed = condition.replace(discharge_pressure=factor * condition.discharge_pressure)
+            comparisons.append(replace(comparison, twin=comparison.twin.at(changed)))
+        point, misfit = _refit(replace(objective, comparisons=tuple(comparisons)))
+        refits.append((misfit, factor, point))
+
+    misfit, factor, point = min(refits, key=lambda refit: refit[0])
+    mistake = f"the discharge pressure is about {factor:g} times the specified one"
+    yield MisfitHypothesis(mistake, misfit, original_misfit, point)
 
 
-def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
-    """Each direction of the mounting, or each bearing, searched by itself where it was not."""
+def _free_supports(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+    """Each direction of the mounting, or each bearing, searched separately if it was not."""
     for kind, prefix in (("mount_axes", "mount_"), ("each_bearing", "bearing_")):
         if getattr(objective.unknowns.nuisances, kind) > 0:
             continue
-        unknowns = objective.unknowns.changed(**{kind: getattr(WIDE, kind)})
+
+        unknowns = objective.unknowns.with_changes(**{kind: getattr(WIDE_PRIORS, kind)})
         point, misfit = _refit(replace(objective, unknowns=unknowns))
-        offs = {
-            n: float(x)
-            for n, x in zip(unknowns.names, point, strict=True)
-            if n.startswith(prefix) and abs(x) > 0.1
-        }
-        words = [
-            f"{describe_constant(name)} is {np.exp(off):.2g} times the twin's"
-            for name, off in offs.items()
+        changes = [
+            f"{describe_constant(name)} is {np.exp(float(change)):.2g} times the twin's"
+            for name, change in zip(unknowns.names, point, strict=True)
+            if name.startswith(prefix) and abs(change) > MIN_REPORTED_CHANGE
         ]
-        if words:
-            yield MisfitHypothesis(
-                f"{', '.join(words)}: search each (--set nuisances=by-axis)", misfit, before
-            )
+        if changes:
+            mistake = f"{', '.join(changes)}: search each of them (nuisances=by-axis)"
+            yield MisfitHypothesis(mistake, misfit, original_misfit)
 
 
 def describe_constant(name: str) -> str:
-    """What a constant that is searched is called, by its name among the coordinates."""
-    kind, _, rest = name.partition("_")
-    if name in NAMES:
-        return NAMES[name]
-    if kind == "mount":
-        return f"{NAMES['mount']} {'in tilt' if rest == 'tilt' else f'along {rest}'}"
-    if kind == "bearing":
-        return f"the stiffness of bearing {rest}"
+    """Return the description of a searched constant, by its name among the coordinates."""
+    if name in CONSTANT_NAMES:
+        return CONSTANT_NAMES[name]
     if name.startswith("gain "):
         return f"the gain of {name.removeprefix('gain ')} (its sensor or unit)"
-    return (
-        f"{name} of the housing"
-        if name.startswith("mode ")
-        else f"the share of {name} (cross-talk)"
-    )
+    if name.startswith("mode "):
+        return f"{name} of the housing"
+
+    kind, _, member = name.partition("_")
+    if kind == "mount":
+        direction = "in tilt" if member == "tilt" else f"along {member}"
+        return f"{CONSTANT_NAMES['mount']} {direction}"
+    if kind == "bearing":
+        return f"the stiffness of bearing {member}"
+    return f"the share of {name} (cross-talk)"
 
 
-def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
-    """Each constant searched from other places, also one that was searched."""
-    for name in AWAY:
+def _free_constants(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+    """Each constant searched from other starts, also one that was searched."""
+    for name, offsets in START_OFFSETS.items():
         if name == "excitation" and objective.twin.fault is None:
             continue
-        twin_value = float(objective.unknowns.twin_scales[SCALES.index(name)])
-        unknowns = objective.unknowns.changed(**{name: getattr(WIDE, name)})
+
+        twin_scale = float(objective.unknowns.twin_scales[SCALE_NAMES.index(name)])
+        unknowns = objective.unknowns.with_changes(**{name: getattr(WIDE_PRIORS, name)})
         index = unknowns.names.index(name)
-        is_it = np.arange(len(unknowns)) == index
-        starts = [
-            replace(unknowns, begun=np.where(is_it, twin_value + away, unknowns.start))
-            for away in AWAY[name]
-        ]
-        point, misfit = min(
-            (_refit(replace(objective, unknowns=start)) for start in starts),
-            key=lambda pair: pair[1],
-        )
-        factor = float(np.exp(point[index] - twin_value))
+
+        refits = []
+        for offset in offsets:
+            start = unknowns.start.copy()
+            start[index] = twin_scale + offset
+            refits.append(
+                _refit(replace(objective, unknowns=replace(unknowns, initial_point=start)))
+            )
+        point, misfit = min(refits, key=lambda refit: refit[1])
+
+        factor = float(np.exp(point[index] - twin_scale))
         is_unit = name == "sensor" and _is_gravity(factor)
-        advice = IN_G if is_unit else ": search it from there, or correct the pump file"
-        mistake = f"{NAMES[name]} is {factor:.2g} times the twin's{advice}"
-        yield MisfitHypothesis(mistake, misfit, before, _start(objective, unknowns.names, point))
+        advice = _IN_G if is_unit else ": start the search there, or correct the pump file"
+        mistake = f"{CONSTANT_NAMES[name]} is {factor:.2g} times the twin's{advice}"
+        start_point = _as_start(objective, unknowns.names, point)
+        yield MisfitHypothesis(mistake, misfit, original_misfit, start_point)
 
 
-def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
+def _free_gains(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
     """Each channel's gain searched: one that is far from the others' is in another unit."""
     channels = objective.channels
     if len(channels) < 2:
         return
-    unknowns = objective.unknowns.changed(gains=WIDE.gains)
+
+    unknowns = objective.unknowns.with_changes(gains=WIDE_PRIORS.gains)
     point, misfit = _refit(replace(objective, unknowns=unknowns))
     gains = np.exp([point[unknowns.names.index(f"gain {name}")] for name in channels])
     index = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
     factor = float(gains[index] / np.median(gains))
-    unit = IN_G if _is_gravity(factor) else ""
-    mistake = f"{channels[index]} reads {factor:.2g} times what it should beside the others{unit}"
-    yield MisfitHypothesis(mistake, misfit, before, _start(objective, unknowns.names, point))
+
+    advice = _IN_G if _is_gravity(factor) else ""
+    mistake = (
+        f"{channels[index]} reads {factor:.2g} times what it should relative to the other "
+        f"channels{advice}"
+    )
+    start_point = _as_start(objective, unknowns.names, point)
+    yield MisfitHypothesis(mistake, misfit, original_misfit, start_point)
 
 
-def _start(objective: Objective, names: tuple[str, ...], point: np.ndarray) -> np.ndarray | None:
-    """The point as a start of the objective's search; None where that searches others than the
-    names.
-    """
+def _as_start(objective: Objective, names: tuple[str, ...], point: np.ndarray) -> np.ndarray | None:
+    """Return the point as a start of the objective's search; `None` if the coordinates differ."""
     return point if names == objective.unknowns.names else None
 
 
 def _is_gravity(factor: float) -> bool:
-    """Whether samples that are `factor` times too large may be in g."""
+    """Return whether samples that are `factor` times too large may be in g."""
     return abs(factor * GRAVITY - 1) < 0.3

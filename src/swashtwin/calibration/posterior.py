@@ -19,7 +19,13 @@ from swashtwin.calibration.discrepancy import (
     noise_covariance,
 )
 from swashtwin.calibration.spectrum_objective import Objective
-from swashtwin.calibration.unknowns import BOUND_MARGIN, CONSTANTS, VALUES, Unknowns, touched
+from swashtwin.calibration.unknowns import (
+    BOUND_MARGIN,
+    CONSTANT_SLICE,
+    VALUE_SLICE,
+    Unknowns,
+    is_at_bound,
+)
 from swashtwin.foundation import InputError, random_stream
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETER_SYMBOLS, PARAMETERS, Interfaces
@@ -27,8 +33,8 @@ from swashtwin.pump import PARAMETER_SYMBOLS, PARAMETERS, Interfaces
 Verdict = Literal["identified", "weak", "not identified", "at bound"]
 
 COVERAGE = 0.9
-"""Probability with which an interval holds its value."""
-QUANTILE = float(ndtri((1 + COVERAGE) / 2))
+"""Probability with which an interval contains its value."""
+NORMAL_QUANTILE = float(ndtri((1 + COVERAGE) / 2))
 """Standard deviations within which a normal density holds `COVERAGE`."""
 IDENTIFIED_STD = 0.25
 """Standard deviation of ln value up to which a value is identified: 90 % within a factor of 1.5."""
@@ -36,19 +42,23 @@ UNIDENTIFIED_SHARE = 0.7
 """A posterior wider than this share of the prior has learned next to nothing from the
 measurement.
 """
+CORRELATED = 0.9
+"""Correlation above which two values are reported as correlated."""
 
 
-STRAINED = 2.5
+STRAINED_STDS = 2.5
 """Standard deviations of its prior by which a constant that is right is hardly ever off: the search
 ends at 4.
 """
-LARGE = 1.0
-"""RMS of the missed lines, in what noise and the model error of `Comparison.sigma` make expected,
-above which mistakes are sought that would explain it, and what rests on the twin is not called
-identified.
+DOUBTFUL_MISFIT = 1.0
+"""RMS of the missed lines, relative to what noise and the model error of `Comparison.sigma` make
+expected, above which mistakes are searched that would explain it, and nothing that rests on the
+twin is called identified.
 """
-MISFIT = 2.0
-"""The same from which the twin lacks something, so that its own values are not."""
+MAX_MISFIT = 2.0
+"""The same above which the twin lacks something, so that its six values are not called identified
+either.
+"""
 
 
 @dataclass(frozen=True)
@@ -58,36 +68,36 @@ class Estimate:
     name: str
     """Name as in `pump.PARAMETERS`."""
     symbol: str
-    """The paper's letter."""
+    """The paper's symbol."""
     unit: str
     """Unit of the values."""
     nominal: float
-    """Value before."""
+    """Nominal value, before calibration."""
     value: float
-    """Value found."""
+    """Calibrated value."""
     log_std: float
     """Standard deviation of ln value: 0.1 is 10 %."""
     interval: tuple[float, float]
-    """The most probable range that holds the value with a probability of 90 %, within the bounds;
-    it holds the value found, and ends at a bound where the measurement sets no limit on that side
-    (`open_sides`).
+    """The most probable range that contains the value with a probability of 90 %, within the
+    bounds; it contains the calibrated value, and ends at a bound if the measurement sets no limit
+    on that side (`open_sides`).
     """
     bounds: tuple[float, float]
-    """Where it was searched."""
+    """Bounds of the search."""
     verdict: Verdict
     """``identified``; ``weak``: uncertain by more than a factor of 1.5, or the fit is in doubt
-    (`is_in_doubt`); ``not
-    identified``: the measurement hardly says more than the prior (the bounds, or the population of
-    its type); ``at
-    bound``: a bound stopped the search, often because a constant is wrong."""
+    (`is_in_doubt`); ``not identified``: the measurement hardly adds to the prior (the bounds, or
+    the population of its type); ``at bound``: a bound stopped the search, often because a constant
+    is wrong.
+    """
     correlated_with: str | None = None
-    """Letter of the value that can be changed along with it at almost the same spectrum
-    (correlation above 0.9).
+    """Symbol of the value that can change with this one at almost the same spectrum (correlation
+    above 0.9).
     """
 
     @property
     def is_constrained(self) -> bool:
-        """Whether the measurement says more of the value than was known before."""
+        """Whether the measurement adds to what was known of the value before."""
         return self.verdict in ("identified", "weak")
 
     @property
@@ -103,9 +113,9 @@ class Estimate:
 def posterior_covariance(
     objective: Objective, point: Float[np.ndarray, " unknown"]
 ) -> Float[np.ndarray, "unknown unknown"]:
-    """Covariance of the coordinates found, about the truth.
+    """Return the covariance of the calibrated coordinates about the truth.
 
-    A search weighs every line by its own `Comparison.sigma`, as if errors were independent: with W
+    A search weighs every line by its `Comparison.sigma`, as if errors were independent: with W
     those weights, J the sensitivities and P the priors' covariance it finds the truth plus H^-1 (J'
     W e + P^-1 d), H = J' W J + P^-1, where e is what the twin misses and d how far the truth is
     from the priors' means. Errors of a real machine are larger and shared by many lines, so e is
@@ -114,30 +124,37 @@ def posterior_covariance(
         H^-1 (J' W V W J + P^-1) H^-1
 
     (the sandwich of Huber 1967 and White 1982, doi:10.2307/1912526, with Kennedy and O'Hagan's
-    discrepancy between). It is the Fisher information's inverse where the twin meets the lines as
+    discrepancy between). It is the Fisher information's inverse if the twin meets the lines as
     expected; no coordinate is less certain than its prior.
     """
-    around = linearize(objective, point)
-    return sandwich(around, noise_covariance(around, estimate_discrepancy(around)))
+    linearization = linearize(objective, point)
+    discrepancy = estimate_discrepancy(linearization)
+    return sandwich_covariance(linearization, noise_covariance(linearization, discrepancy))
 
 
-def sandwich(
-    around: Linearization, noise: Float[np.ndarray, "observable observable"]
+def sandwich_covariance(
+    linearization: Linearization, noise: Float[np.ndarray, "observable observable"]
 ) -> Float[np.ndarray, "unknown unknown"]:
-    """The same where the covariance of measured minus simulated amplitudes is known."""
-    prior = around.objective.unknowns.deviation
-    scaled = (
-        around.slope / around.sigma[:, None] * prior
-    )  # in units of the priors: well conditioned if one is flat
+    """Return what `posterior_covariance` does for a known covariance of the observables' errors."""
+    prior = linearization.objective.unknowns.deviation
+    sigma = linearization.sigma
+    identity = np.eye(len(prior))
+
+    # in units of the priors, the system is well conditioned even if one of them is flat
+    scaled_slope = linearization.slope / sigma[:, None] * prior
     weights = np.linalg.solve(
-        scaled.T @ scaled + np.eye(len(prior)), np.hstack([scaled.T, np.eye(len(prior))])
+        scaled_slope.T @ scaled_slope + identity, np.hstack([scaled_slope.T, identity])
     )
-    errors, shift = weights[:, : len(scaled)], weights[:, len(scaled) :]
+    error_weights = weights[:, : len(scaled_slope)]
+    prior_weights = weights[:, len(scaled_slope) :]
     covariance = (
-        errors @ (noise / np.outer(around.sigma, around.sigma)) @ errors.T + shift @ shift.T
+        error_weights @ (noise / np.outer(sigma, sigma)) @ error_weights.T
+        + prior_weights @ prior_weights.T
     )
-    excess = prior / np.maximum(1.0, np.sqrt(np.diag(covariance)))
-    return covariance * np.outer(excess, excess)
+
+    # no coordinate is less certain than its prior
+    scale = prior / np.maximum(1.0, np.sqrt(np.diag(covariance)))
+    return covariance * np.outer(scale, scale)
 
 
 def build_estimates(
@@ -145,41 +162,38 @@ def build_estimates(
     point: Float[np.ndarray, " unknown"],
     covariance: Float[np.ndarray, "unknown unknown"],
 ) -> tuple[Estimate, ...]:
-    """Each of the six values with its interval and verdict."""
-    space, in_doubt = (
-        objective.unknowns.space,
-        is_in_doubt(objective.unknowns, point, compute_misfit(objective, point)),
-    )
-    values, covariance, prior_std = (
-        np.exp(point[VALUES]),
-        covariance[VALUES, VALUES],
-        objective.unknowns.deviation,
-    )
-    std = np.sqrt(np.diag(covariance))
-    correlation = np.abs(covariance / np.outer(std, std)) - np.eye(len(PARAMETERS))
-    partners = np.argmax(correlation, axis=1)
-    return tuple(
-        estimated(
-            name,
-            PARAMETER_SYMBOLS[name],
-            "N*s/m" if name.endswith("damping") else "N/m",
-            nominal=float(space.nominal[i]),
-            value=float(values[i]),
-            log_std=float(std[i]),
-            prior_std=float(prior_std[i]),
-            bounds=(float(space.lower[i]), float(space.upper[i])),
-            in_doubt=in_doubt,
-            correlated_with=PARAMETER_SYMBOLS[PARAMETERS[partners[i]]]
-            if correlation[i, partners[i]] > 0.9
-            else None,
+    """Return each of the six values with its interval and verdict."""
+    unknowns = objective.unknowns
+    in_doubt = is_in_doubt(unknowns, point, compute_misfit(objective, point))
+    values = np.exp(point[VALUE_SLICE])
+    value_covariance = covariance[VALUE_SLICE, VALUE_SLICE]
+    std = np.sqrt(np.diag(value_covariance))
+    correlation = np.abs(value_covariance / np.outer(std, std)) - np.eye(len(PARAMETERS))
+
+    estimates = []
+    for index, name in enumerate(PARAMETERS):
+        partner = int(np.argmax(correlation[index]))
+        is_correlated = correlation[index, partner] > CORRELATED
+        estimates.append(
+            build_estimate(
+                name,
+                PARAMETER_SYMBOLS[name],
+                "N*s/m" if name.endswith("damping") else "N/m",
+                nominal=float(unknowns.space.nominal[index]),
+                value=float(values[index]),
+                log_std=float(std[index]),
+                prior_std=float(unknowns.deviation[index]),
+                bounds=(float(unknowns.space.lower[index]), float(unknowns.space.upper[index])),
+                in_doubt=in_doubt,
+                correlated_with=PARAMETER_SYMBOLS[PARAMETERS[partner]] if is_correlated else None,
+            )
         )
-        for i, name in enumerate(PARAMETERS)
-    )
+    return tuple(estimates)
 
 
-def estimated(
+def build_estimate(
     name: str,
-    letter: str,
+    symbol: str,
     unit: str,
     *,
     nominal: float,
@@ -190,63 +204,90 @@ def estimated(
     in_doubt: bool,
     correlated_with: str | None = None,
 ) -> Estimate:
-    """Estimate of a value whose logarithm had `prior_std` before, with its interval and verdict."""
+    """Return the estimate of a value whose logarithm had `prior_std` before, with its interval and
+    verdict.
+    """
     low, high = np.log(bounds)
-    verdict: Verdict = "identified" if log_std <= IDENTIFIED_STD and not in_doubt else "weak"
-    if min(math.log(value) - low, high - math.log(value)) < BOUND_MARGIN * (high - low):
+    bound_distance = min(math.log(value) - low, high - math.log(value))
+
+    verdict: Verdict
+    if bound_distance < BOUND_MARGIN * (high - low):
         verdict = "at bound"
     elif log_std > UNIDENTIFIED_SHARE * prior_std:
         verdict = "not identified"
-    interval = interval_around(value, log_std, bounds)
+    elif log_std <= IDENTIFIED_STD and not in_doubt:
+        verdict = "identified"
+    else:
+        verdict = "weak"
+
     return Estimate(
-        name, letter, unit, nominal, value, log_std, interval, bounds, verdict, correlated_with
+        name=name,
+        symbol=symbol,
+        unit=unit,
+        nominal=nominal,
+        value=value,
+        log_std=log_std,
+        interval=compute_interval(value, log_std, bounds),
+        bounds=bounds,
+        verdict=verdict,
+        correlated_with=correlated_with,
     )
 
 
-def interval_around(
+def compute_interval(
     value: float, log_std: float, bounds: tuple[float, float]
 ) -> tuple[float, float]:
-    """The most probable 90 % of a normal density of ln value that the bounds cut: its middle is
-    always within.
+    """Return the most probable 90 % of a normal density of ln value that the bounds cut.
+
+    Its middle always lies within.
     """
-    center, low, high = (float(np.log(each)) for each in (value, *bounds))
-    below, above = (low - center) / log_std, (high - center) / log_std
-    wanted = COVERAGE * (ndtr(above) - ndtr(below))
+    center = float(np.log(value))
+    low, high = (float(np.log(bound)) for bound in bounds)
+    below = (low - center) / log_std
+    above = (high - center) / log_std
+    required = COVERAGE * (ndtr(above) - ndtr(below))
 
-    def surplus(half: float) -> float:
-        return float(ndtr(min(above, half)) - ndtr(max(below, -half)) - wanted)
+    def surplus(half_width: float) -> float:
+        return float(ndtr(min(above, half_width)) - ndtr(max(below, -half_width)) - required)
 
-    half = log_std * scipy.optimize.brentq(surplus, 0.0, max(above, -below))
-    return math.exp(max(low, center - half)), math.exp(min(high, center + half))
+    half_width = log_std * scipy.optimize.brentq(surplus, 0.0, max(above, -below))
+    return math.exp(max(low, center - half_width)), math.exp(min(high, center + half_width))
 
 
 def is_in_doubt(unknowns: Unknowns, point: Float[np.ndarray, " unknown"], misfit: float) -> bool:
-    """Whether no value may be called identified: one lies on a bound, a constant is strained, or
-    the misfit is large.
+    """Return whether no value may be called identified: a value lies on a bound, a constant is
+    strained, or the misfit is large.
 
-    See `strained_constants` and `MISFIT`.
+    See `find_strained_constants` and `MAX_MISFIT`.
     """
-    at_bound = touched(point, unknowns)[VALUES].any()
-    return bool(at_bound or strained_constants(unknowns, point)) or misfit > MISFIT
+    has_value_at_bound = is_at_bound(point, unknowns)[VALUE_SLICE].any()
+    is_strained = bool(has_value_at_bound or find_strained_constants(unknowns, point))
+    return is_strained or misfit > MAX_MISFIT
 
 
-def strained_constants(unknowns: Unknowns, point: Float[np.ndarray, " unknown"]) -> tuple[str, ...]:
-    """Constants that lie on a bound or farther than `STRAINED` from what was stated, by name, the
-    farthest first.
+def find_strained_constants(
+    unknowns: Unknowns, point: Float[np.ndarray, " unknown"]
+) -> tuple[str, ...]:
+    """Return the names of constants on a bound or farther than `STRAINED_STDS` from their prior
+    means, the farthest first.
     """
-    away = np.abs(point - unknowns.center) / unknowns.deviation
-    strained = (away > STRAINED) | touched(point, unknowns)
-    order = [int(i) for i in np.argsort(-away) if strained[i] and i >= CONSTANTS.start]
-    return tuple(unknowns.names[i] for i in order)
+    distance = np.abs(point - unknowns.center) / unknowns.deviation
+    is_strained = (distance > STRAINED_STDS) | is_at_bound(point, unknowns)
+    indices = [
+        int(index)
+        for index in np.argsort(-distance)
+        if is_strained[index] and index >= CONSTANT_SLICE.start
+    ]
+    return tuple(unknowns.names[index] for index in indices)
 
 
 def compute_misfit(objective: Objective, point: Float[np.ndarray, " unknown"]) -> float:
-    """RMS of the missed lines, in what was expected of them."""
+    """Return the RMS of the missed lines, relative to what was expected of them."""
     with torch.no_grad():
         return float(objective.weighted_loss(torch.as_tensor(point)))
 
 
-_TRIES = 200
+_MAX_DRAW_ATTEMPTS = 200
 """Number of draws beyond the bounds after which the last one is put on the bound."""
 
 
@@ -259,7 +300,7 @@ class Posterior:
     unknowns: Unknowns
     """What was searched."""
     point: Float[np.ndarray, " unknown"]
-    """Coordinates found."""
+    """Calibrated coordinates."""
     covariance: Float[np.ndarray, "unknown unknown"]
     """Their covariance; its first six rows are the logarithms of the six values."""
 
@@ -272,25 +313,27 @@ class Posterior:
         return self.unknowns.channels
 
     def twin_at(self, twin: Twin, point: Float[np.ndarray, " unknown"]) -> Twin:
-        """`twin` with the values, scales and sensor path of `point`."""
-        values = Interfaces.from_values(np.exp(point[VALUES]))
-        path = self.unknowns.path_at(point, twin.pump.channels)
+        """Return `twin` with the values, scales and sensor path of `point`."""
+        values = Interfaces.from_values(np.exp(point[VALUE_SLICE]))
+        path = self.unknowns.sensor_path_at(point, twin.pump.channels)
         moved = twin.with_interfaces(values, self.unknowns.scales_at(point))
         return moved if path is None else replace(moved, path=path)
 
     def draws(self, count: int, seed: int) -> Float[np.ndarray, "draw unknown"]:
-        """Points drawn from the density; the same seed gives the same ones, whatever the count."""
+        """Return points drawn from the density.
+
+        The same seed gives the same points, whatever the count.
+        """
         if count < 1:
             raise InputError(f"count ({count}) must be at least 1.")
-        root, lower, upper = (
-            np.linalg.cholesky(self.covariance),
-            self.unknowns.lower,
-            self.unknowns.upper,
-        )
+
+        root = np.linalg.cholesky(self.covariance)
+        lower = self.unknowns.lower
+        upper = self.unknowns.upper
         points = []
         for index in range(count):
             rng = random_stream(seed, "posterior", index)
-            for _ in range(_TRIES):
+            for _ in range(_MAX_DRAW_ATTEMPTS):
                 point = self.point + root @ rng.standard_normal(len(self.point))
                 if ((point >= lower) & (point <= upper)).all():
                     break
@@ -298,5 +341,5 @@ class Posterior:
         return np.stack(points)
 
     def twins(self, twin: Twin, count: int, seed: int) -> list[Twin]:
-        """`twin` with the coordinates of each of `count` draws."""
+        """Return `twin` with the coordinates of each of `count` draws."""
         return [self.twin_at(twin, point) for point in self.draws(count, seed)]

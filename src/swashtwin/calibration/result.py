@@ -1,16 +1,16 @@
-"""Results of a calibration: a twin, the law of a recess where one was searched, and their file."""
+"""Results of a calibration and their file."""
 
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from swashtwin.calibration.fit import ERRORS, Agreement, Fit, average_agreements
-from swashtwin.calibration.posterior import LARGE, Estimate, Posterior, is_in_doubt
+from swashtwin.calibration.fault_law import FaultLaw
+from swashtwin.calibration.fit import ERROR_NAMES, Agreement, Fit, average_agreements
+from swashtwin.calibration.posterior import DOUBTFUL_MISFIT, Estimate, Posterior, is_in_doubt
 from swashtwin.calibration.search import History
-from swashtwin.calibration.severity.dimensions import FaultSpace, get_severity_search
 from swashtwin.foundation import (
     ArtifactError,
     MissingFileError,
@@ -23,78 +23,12 @@ from swashtwin.foundation import (
     write_text,
 )
 from swashtwin.physics import Twin
-from swashtwin.pump import PARAMETERS, Fault, SwashPlateDefect, fault_type
+from swashtwin.pump import PARAMETERS, fault_type
 from swashtwin.recordings import Manifest
 
-
-@dataclass(frozen=True)
-class FaultLaw:
-    """What recordings of a recess tell of its law, for the pump that was calibrated beside it."""
-
-    fault: SwashPlateDefect
-    """The recess that explains them best."""
-    estimates: tuple[Estimate, ...]
-    """Its depth, corner and further unknowns; the last is how the noise between the lines rises."""
-    evidence: Mapping[str, float]
-    """Logarithm of each law's evidence less that of the likeliest, by contact and edge (Laplace's
-    approximation).
-    """
-    misfit: float
-    """Root mean square of the lines' differences over what was expected; above 1 the intervals are
-    widened by it.
-    """
-    recording_ids: tuple[str, ...]
-    """Recordings of the fault."""
-
-    @property
-    def floor(self) -> float:
-        """Factor on the noise between the lines at the depth that was recorded (`noise_factor_of`)."""
-        return self.estimates[-1].value
-
-    @property
-    def corner(self) -> Estimate:
-        """Estimate of the corner [Hz]."""
-        return next(item for item in self.estimates if item.symbol == "corner")
-
-    def of(self, fault: Fault | None, corner_shift: float = 0.0) -> Fault | None:
-        """`fault` under this law, where it is a recess that states no corner; any other fault as it
-        is.
-
-        Parameters
-        ----------
-        corner_shift : of ln corner, in standard deviations of its estimate.
-        """
-        if not isinstance(fault, SwashPlateDefect) or fault.corner:
-            return fault
-        names = ("contact", "edge", "fall", "gain", "leakage")
-        drawn = self.corner.value * math.exp(self.corner.log_std * corner_shift)
-        return replace(fault, corner=drawn, **{name: getattr(self.fault, name) for name in names})
-
-    def space(self, space: FaultSpace) -> FaultSpace:
-        """`space` of a severity under this law, its corner searched as far as it is uncertain."""
-        lawful = self.of(space.reference)
-        if lawful is None or lawful == space.reference:
-            return space
-        (corner,) = (
-            item for item in get_severity_search(lawful).dimensions if item.name == "corner"
-        )
-        return FaultSpace(lawful, (*space.free, replace(corner, deviation=self.corner.log_std)))
-
-    def noise_factor_of(self, fault: Fault | None) -> float:
-        """Factor on the noise with a recess of any depth, of which its logarithm is a multiple; 1
-        without one.
-
-        The recess that was recorded has the depth found, or where the recordings do not tell it,
-        the one stated.
-        """
-        if not isinstance(fault, SwashPlateDefect):
-            return 1.0
-        depth = self.estimates[0]
-        recorded = depth.value if depth.is_constrained else depth.nominal
-        return float(self.floor ** (fault.depth / recorded))
-
-
 FORMAT = "swashtwin calibration 9"
+_MAX_NAMED_RECORDINGS = 3
+"""Recordings that the source of a calibrated value names; of more, their number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,47 +38,47 @@ class Calibration:
     twin: Twin
     """The calibrated twin."""
     nominal: Twin
-    """The twin before."""
+    """The nominal twin, before calibration."""
     estimates: tuple[Estimate, ...]
     """The six values, in the order of `pump.PARAMETERS`."""
     posterior: Posterior
     """Posterior of all searched coordinates, with covariances."""
     fits: tuple[Fit, ...]
-    """Agreement of both twins with the recordings, one for each condition."""
+    """Agreement of both twins with the recordings, one for each operating point."""
     history: History
-    """How the search went."""
+    """Course of the search."""
     recording_ids: tuple[str, ...]
     """Recordings it was calibrated on. They are training data: windows of `synthesize` name them,
-    and no test set may hold them.
+    and no test set may contain them.
     """
     recording_hashes: Manifest
-    """Hashes of the content of each of them by id (`Recording.content_hashes`): what was calibrated
-    on, whatever a file is called.
+    """Hashes of the content of each of them by id (`Recording.content_hashes`): they identify a
+    recording, whatever its file is called.
     """
     excluded_recordings: tuple[tuple[str, str], ...]
-    """Id of each recording given but not used, and why."""
+    """Id of each recording given but not used, and the reason."""
     misfit: float
-    """Root mean square of the lines that the calibrated twin misses, in what noise and a model
-    error of 5 % explain.
+    """Root mean square of the lines that the calibrated twin misses, relative to what noise and a
+    model error of 5 % explain.
     """
     notes: tuple[str, ...]
-    """What the user should look at, in words."""
+    """Notes that the user should read."""
     method: str
     """Name of the method."""
     settings: Mapping[str, Any]
-    """Its settings, the band and the seed, as JSON can hold them."""
+    """Settings of the method, the band and the seed, as JSON values."""
     simulations: int
-    """How many parameter sets were simulated."""
+    """Number of parameter sets that were simulated."""
     wall_s: float
-    """How long it took [s]."""
+    """Time taken [s]."""
     version: str
     """Version of swashtwin that made it."""
     origin: str = ""
-    """Where the recordings come from that are of no machine, such as the virtual rig; empty where
-    none states it.
+    """Origin of recordings that are not of a machine, such as the virtual rig; empty if none is
+    specified.
     """
     law: FaultLaw | None = None
-    """Law of a recess that was identified beside it; None where none was searched."""
+    """Law of a recess that was identified with it; `None` if no law was searched."""
 
     def __repr__(self) -> str:
         identified = ", ".join(
@@ -156,108 +90,113 @@ class Calibration:
         )
 
     def estimate(self, name: str) -> Estimate:
-        """Estimate of the parameter with that name or letter."""
+        """Return the estimate of the parameter with that name or symbol."""
         return next(
             estimate for estimate in self.estimates if name in (estimate.name, estimate.symbol)
         )
 
     @property
     def is_in_doubt(self) -> bool:
-        """Whether nothing that rests on it, such as a severity, may be called identified: where the
+        """Whether nothing that rests on it, such as a severity, may be called identified: the
         misfit is above 1, or the fit strains a bound or a prior (`posterior.is_in_doubt`).
         """
-        return self.misfit > LARGE or is_in_doubt(
+        return self.misfit > DOUBTFUL_MISFIT or is_in_doubt(
             self.posterior.unknowns, self.posterior.point, self.misfit
         )
 
     @property
     def nominal_agreement(self) -> Agreement:
-        """Agreement of the nominal twin with the recordings, averaged over the conditions."""
-        return average_agreements([fit.before for fit in self.fits])
+        """Agreement of the nominal twin with the recordings, averaged over operating points."""
+        return average_agreements([fit.nominal_agreement for fit in self.fits])
 
     @property
     def calibrated_agreement(self) -> Agreement:
         """The same of the calibrated twin."""
-        return average_agreements([fit.after for fit in self.fits])
+        return average_agreements([fit.calibrated_agreement for fit in self.fits])
 
     @property
     def improvement(self) -> dict[str, float]:
-        """By what share each error of `nominal_agreement` fell; negative where it rose."""
-        before, after = asdict(self.nominal_agreement), asdict(self.calibrated_agreement)
-        return {name: 1 - after[name] / before[name] for name in ERRORS}
+        """Share by which each error fell through calibration; negative if it rose."""
+        nominal = asdict(self.nominal_agreement)
+        calibrated = asdict(self.calibrated_agreement)
+        return {name: 1 - calibrated[name] / nominal[name] for name in ERROR_NAMES}
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as JSON can hold it; `load_calibration` reads it back."""
-        twins = {"twin": twin_to_dict(self.twin), "nominal": twin_to_dict(self.nominal)}
-        means = {
-            "nominal_agreement": asdict(self.nominal_agreement),
-            "calibrated_agreement": asdict(self.calibrated_agreement),
-        }
-        return {"format": FORMAT, **to_table(self), **twins, **means}
+        """Return the calibration as JSON values; `load_calibration` reads them back."""
+        table: dict[str, Any] = {"format": FORMAT, **to_table(self)}
+        table["twin"] = twin_to_dict(self.twin)
+        table["nominal"] = twin_to_dict(self.nominal)
+        table["nominal_agreement"] = asdict(self.nominal_agreement)
+        table["calibrated_agreement"] = asdict(self.calibrated_agreement)
+        return table
 
     def save(self, path: Path | str) -> Path:
-        """`path`, after the calibration was written to it as JSON."""
-        return write_text(
-            Path(path),
-            json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-        )
+        """Write the calibration to `path` as JSON; return the path."""
+        text = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
+        return write_text(Path(path), text + "\n")
 
     def interfaces_toml(self) -> str:
-        """The calibrated values as the ``[interfaces]`` of a pump file, each with its source."""
-        recordings = ", ".join(self.recording_ids[:3])
-        more = f" and {len(self.recording_ids) - 3} more" if len(self.recording_ids) > 3 else ""
+        """Return the calibrated values as the ``[interfaces]`` of a pump file, each with its
+        source.
+        """
+        recordings = ", ".join(self.recording_ids[:_MAX_NAMED_RECORDINGS])
+        n_more = len(self.recording_ids) - _MAX_NAMED_RECORDINGS
+        if n_more > 0:
+            recordings += f" and {n_more} more"
+
         lines = []
-        for index, name in enumerate(PARAMETERS):
+        for name, estimate in zip(PARAMETERS, self.estimates, strict=True):
             section, entry = name.split(".")
-            estimate = self.estimates[index]
             if entry == "damping":
                 lines += ["", f"[interfaces.{section}]"]
-            width = math.exp(estimate.log_std)
             source = (
-                f"calibrated with {self.method} on {recordings}{more}: {estimate.verdict}, "
-                f"standard deviation a factor of {width:.3g} (swashtwin {self.version})"
+                f"calibrated with {self.method} on {recordings}: {estimate.verdict}, standard "
+                f"deviation a factor of {math.exp(estimate.log_std):.3g} (swashtwin {self.version})"
             )
-            quoted = json.dumps(source, ensure_ascii=False)
-            lines.append(
-                f'{entry} = {{ value = "{estimate.value:.8g} {estimate.unit}", source = {quoted} }}'
-            )
+            value = f'"{estimate.value:.8g} {estimate.unit}"'
+            quoted_source = json.dumps(source, ensure_ascii=False)
+            lines.append(f"{entry} = {{ value = {value}, source = {quoted_source} }}")
         return "\n".join(lines[1:]) + "\n"
 
     def save_interfaces(self, path: Path | str) -> Path:
-        """`path`, after `interfaces_toml` was written to it."""
+        """Write `interfaces_toml` to `path`; return the path."""
         return write_text(Path(path), self.interfaces_toml())
 
 
 def load_calibration(path: Path | str) -> Calibration:
-    """Calibration that `Calibration.save` wrote.
+    """Return a calibration that `Calibration.save` wrote.
 
     Raises
     ------
     MissingFileError
-        No such file.
+        There is no such file.
     ArtifactError
         It is damaged, or of another version.
     """
     path = as_path(path)
     if not path.is_file():
         raise MissingFileError(f"{path}: no such calibration.")
+
     try:
         table = parse_json(read_text(path))
-        saved = table["format"] if isinstance(table, dict) else None
-        if saved == FORMAT:
-            twins = {name: twin_from_dict(table.pop(name)) for name in ("twin", "nominal")}
-            return from_table({**table, **twins}, Calibration)
+        file_format = table["format"] if isinstance(table, dict) else None
+        if file_format == FORMAT:
+            for name in ("twin", "nominal"):
+                table[name] = twin_from_dict(table[name])
+            return from_table(table, Calibration)
     except (KeyError, TypeError, ValueError, RecursionError) as cause:
         raise ArtifactError(
-            f"{path}: not a calibration, or a damaged one: {str(cause)[:300].rstrip('.')}."
+            f"{path}: not a calibration, or damaged: {str(cause)[:300].rstrip('.')}."
         ) from cause
+
     raise ArtifactError(
-        f"{path}: its format is {saved!r}; this version reads {FORMAT!r}: calibrate again."
+        f"{path}: its format is {file_format!r}, but this version reads {FORMAT!r}. Calibrate "
+        "again."
     )
 
 
 def twin_to_dict(twin: Twin) -> dict[str, Any]:
-    """Everything that makes the twin, the pump included, as JSON can hold it; its fault with its
+    """Return everything that makes the twin, the pump included, as JSON values; its fault with its
     kind.
     """
     table: dict[str, Any] = to_table(twin)
@@ -267,7 +206,7 @@ def twin_to_dict(twin: Twin) -> dict[str, Any]:
 
 
 def twin_from_dict(table: dict[str, Any]) -> Twin:
-    """Twin that `twin_to_dict` wrote.
+    """Return a twin that `twin_to_dict` wrote.
 
     Raises
     ------
@@ -276,4 +215,6 @@ def twin_from_dict(table: dict[str, Any]) -> Twin:
     """
     fault = table["fault"]
     twin = from_table({**table, "fault": None}, Twin)
-    return twin if fault is None else twin.with_fault(from_table(fault, fault_type(fault["kind"])))
+    if fault is None:
+        return twin
+    return twin.with_fault(from_table(fault, fault_type(fault["kind"])))

@@ -1,5 +1,5 @@
-"""Searches: what methods share, Levenberg-Marquardt on logarithms, and bounds that grow where an
-optimum is at one.
+"""Searches: what methods share, Levenberg-Marquardt on logarithms, and bounds that are widened if
+an optimum lies at one.
 """
 
 from collections.abc import Callable, Collection
@@ -12,15 +12,20 @@ import torch
 from jaxtyping import Float
 
 from swashtwin.calibration.spectrum_objective import Objective
-from swashtwin.calibration.unknowns import DEFAULT_FACTOR, VALUES, SearchSpace, touched
+from swashtwin.calibration.unknowns import (
+    DEFAULT_BOUND_FACTOR,
+    VALUE_SLICE,
+    SearchSpace,
+    is_at_bound,
+)
 from swashtwin.foundation import InputError, one_thread, random_stream
 from swashtwin.physics import HarmonicBalance, SteadySolver
-from swashtwin.pump import PARAMETER_SYMBOLS, PARAMETERS
+from swashtwin.pump import PARAMETER_SYMBOLS
 
-EXACT: SteadySolver = HarmonicBalance()
-"""The solver of every method's default."""
+EXACT_SOLVER: SteadySolver = HarmonicBalance()
+"""The default solver of every method."""
 Progress = Callable[[int, int, float], None]
-"""Called with (steps done, steps in all, loss)."""
+"""Called with (steps done, total steps, loss)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +38,8 @@ class History:
     """Penalty for leaving the bounds; zero for methods that cannot leave them."""
     points: Float[np.ndarray, "step unknown"]
     """Coordinates, in the order of `Unknowns.names`: first the logarithms of the six values."""
-    best: int
-    """Step of least loss."""
+    best_step: int
+    """Step of minimum loss."""
     prior_loss: Float[np.ndarray, " step"]
     """What the priors add to the loss."""
     gradient_norm: Float[np.ndarray, " step"]
@@ -49,17 +54,17 @@ class History:
 
     @property
     def min_loss(self) -> float:
-        """The least loss."""
-        return float(self.loss[self.best])
+        """The minimum loss."""
+        return float(self.loss[self.best_step])
 
     @property
     def values(self) -> Float[np.ndarray, "step 6"]:
         """Interface values, in the order of `pump.PARAMETERS`."""
-        return np.exp(self.points[:, VALUES])
+        return np.exp(self.points[:, VALUE_SLICE])
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class SearchResult:
     """Result of a method."""
 
     point: Float[np.ndarray, " unknown"]
@@ -67,9 +72,9 @@ class Search:
     history: History
     """Course of the search."""
     simulations: int
-    """How many parameter sets were simulated, with or without their gradient."""
+    """Number of parameter sets that were simulated, with or without their gradient."""
     notes: tuple[str, ...] = ()
-    """What the user should look at, in words."""
+    """Notes that the user should read."""
 
 
 @runtime_checkable
@@ -78,68 +83,85 @@ class Calibrator(Protocol):
 
     def search(
         self, objective: Objective, *, seed: int, progress: Progress | None = None
-    ) -> Search:
-        """Result of the search. The same seed on the same machine gives the same bits."""
+    ) -> SearchResult:
+        """Return the result of the search.
+
+        The same seed on the same machine gives the same bits.
+        """
         ...
 
 
-EXPECTED = 1.0
-"""Loss that noise, model error and priors make expected: no other valley is looked for below it."""
+EXPECTED_LOSS = 1.0
+"""Loss that noise, model error and priors make expected: below it no other valley is searched."""
 
 
 @dataclass(frozen=True)
 class GaussNewton:
     """Least squares with exact derivatives, from several starts, within bounds.
 
-    Minimized is the sum of squares of (simulated - measured) / sigma over all lines, plus that of
-    (coordinate - mean of its prior) / prior standard deviation: a value that the measurement does
-    not determine stays in the middle of its bounds instead of drifting to one. Amplitudes are
-    compared as they are, for on a decibel scale the lines near the noise rule."""
+    The method minimizes the sum of squares of (simulated - measured) / sigma over all lines, plus
+    that of (coordinate - mean of its prior) / prior standard deviation: a value that the
+    measurement does not determine stays in the middle of its bounds instead of drifting to one.
+    Amplitudes are compared on a linear scale, because on a decibel scale the lines near the noise
+    would dominate.
+    """
 
     starts: int = 4
-    """At most so many: first the nominal values, then others drawn evenly over the logarithms
-    within the bounds. The first that misses the lines by no more than is `EXPECTED`, priors
-    counted, is the last.
+    """Maximum number of starts: the nominal values, then points drawn evenly over the logarithms
+    within the bounds. The search ends with the first start that misses the lines by no more than
+    `EXPECTED_LOSS`, priors included.
     """
     max_iterations: int = 50
-    """At most so many steps from each start."""
-    solver: SteadySolver = EXACT
-    """What solves the equations."""
+    """Maximum number of steps from each start."""
+    solver: SteadySolver = EXACT_SOLVER
+    """Solver of the equations of motion."""
 
     def __post_init__(self) -> None:
         if self.starts < 1 or self.max_iterations < 1:
             raise InputError(
-                f"starts ({self.starts}) and max_iterations ({self.max_iterations}) must be at least 1."
+                f"starts ({self.starts}) and max_iterations ({self.max_iterations}) must be at "
+                "least 1."
             )
 
     def search(
         self, objective: Objective, *, seed: int, progress: Progress | None = None
-    ) -> Search:
-        """Values of the best start; see `Calibrator`."""
-        unknowns, generator = objective.unknowns, random_stream(seed, "gauss_newton", "starts")
-        runs: list[Search] = []
+    ) -> SearchResult:
+        """Return the result of the best start; see `Calibrator`."""
+        unknowns = objective.unknowns
+        generator = random_stream(seed, "gauss_newton", "starts")
+        runs: list[SearchResult] = []
+
         with one_thread():
-            for number in range(self.starts):
-                problem = LeastSquares(objective, self.solver)
-                scipy.optimize.least_squares(
-                    problem.residuals,
-                    unknowns.start
-                    if number == 0
-                    else generator.uniform(unknowns.lower, unknowns.upper),
-                    problem.jacobian,
-                    bounds=(unknowns.lower, unknowns.upper),
-                    max_nfev=self.max_iterations,
-                    xtol=1e-10,
-                )
-                runs.append(problem.search())
-                least = min(run.history.min_loss for run in runs)
-                is_found = least <= EXPECTED
+            for start_index in range(self.starts):
+                if start_index == 0:
+                    start = unknowns.start
+                else:
+                    start = generator.uniform(unknowns.lower, unknowns.upper)
+                runs.append(self._descend(objective, start))
+
+                min_loss = min(run.history.min_loss for run in runs)
+                has_converged = min_loss <= EXPECTED_LOSS
                 if progress is not None:
-                    progress(self.starts if is_found else number + 1, self.starts, least)
-                if is_found:
+                    steps_done = self.starts if has_converged else start_index + 1
+                    progress(steps_done, self.starts, min_loss)
+                if has_converged:
                     break
+
         best = min(runs, key=lambda run: run.history.min_loss)
         return replace(best, simulations=sum(run.simulations for run in runs))
+
+    def _descend(self, objective: Objective, start: np.ndarray) -> SearchResult:
+        """Return the result of one start."""
+        problem = LeastSquares(objective, self.solver)
+        scipy.optimize.least_squares(
+            problem.residuals,
+            start,
+            problem.jacobian,
+            bounds=(objective.unknowns.lower, objective.unknowns.upper),
+            max_nfev=self.max_iterations,
+            xtol=1e-10,
+        )
+        return problem.result()
 
 
 class LeastSquares:
@@ -148,104 +170,129 @@ class LeastSquares:
     """
 
     def __init__(self, objective: Objective, solver: SteadySolver) -> None:
-        self.objective, self.solver = objective, solver
+        self.objective = objective
+        self.solver = solver
         self._points: list[np.ndarray] = []
         self._losses: list[tuple[float, float, float]] = []
-        self._last: tuple[bytes, np.ndarray, np.ndarray] = (b"", np.empty(0), np.empty((0, 0)))
+        # the last point that was simulated, its residuals and their derivatives
+        self._cached_point = b""
+        self._cached_residuals = np.empty(0)
+        self._cached_jacobian = np.empty((0, 0))
 
-    def search(self) -> Search:
-        """The step of least penalized loss, and all steps so far.
+    def result(self) -> SearchResult:
+        """Return the step of minimum penalized loss, and all steps so far.
 
         That loss is the root of (sum of squares of all residuals / number of lines): of the lines
         alone it is `Objective.weighted_loss`, and the negative logarithm of the posterior density
         is its square times half the number of lines.
         """
         weighted, penalized, gradient = np.array(self._losses).T
-        points, best = np.array(self._points), int(np.argmin(penalized))
+        points = np.array(self._points)
+        best_step = int(np.argmin(penalized))
         history = History(
-            weighted, np.zeros_like(weighted), points, best, penalized - weighted, gradient
+            spectrum_loss=weighted,
+            boundary_loss=np.zeros_like(weighted),
+            points=points,
+            best_step=best_step,
+            prior_loss=penalized - weighted,
+            gradient_norm=gradient,
         )
-        return Search(points[best], history, len(points))
+        return SearchResult(points[best_step], history, len(points))
 
     def residuals(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " residual"]:
-        """(simulated - measured) / sigma of each line, then (coordinate - center) / prior
+        """Return (simulated - measured) / sigma of each line, then (coordinate - center) / prior
         deviation.
         """
-        return self._simulated(point)[0]
+        self._simulate(point)
+        return self._cached_residuals
 
     def jacobian(
         self, point: Float[np.ndarray, " unknown"]
     ) -> Float[np.ndarray, "residual unknown"]:
-        """Derivatives of `residuals`."""
-        return self._simulated(point)[1]
+        """Return the derivatives of `residuals`."""
+        self._simulate(point)
+        return self._cached_jacobian
 
-    def _simulated(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if self._last[0] != point.tobytes():
-            objective, unknowns = self.objective, self.objective.unknowns
-            observables, slope = objective.sensitivity(torch.as_tensor(point), solver=self.solver)
-            lines = ((observables - objective.measured) / objective.sigma).numpy()
-            slopes = (slope / objective.sigma[:, None]).numpy()
-            prior = (point - unknowns.center) / unknowns.deviation
-            jacobian = np.concatenate([slopes, np.diag(1 / unknowns.deviation)])
-            residuals = np.concatenate([lines, prior])
-            self._last = (point.tobytes(), residuals, jacobian)
-            penalized = float(np.sqrt(np.sum(residuals**2) / len(lines)))
-            gradient = (jacobian.T @ residuals) * unknowns.deviation / (len(lines) * penalized)
-            self._points.append(point.copy())
-            self._losses.append(
-                (float(np.sqrt(np.mean(lines**2))), penalized, float(np.linalg.norm(gradient)))
-            )
-        return self._last[1], self._last[2]
+    def _simulate(self, point: np.ndarray) -> None:
+        """Compute residuals and derivatives at `point`, unless it is the last one."""
+        if self._cached_point == point.tobytes():
+            return
+
+        objective = self.objective
+        unknowns = objective.unknowns
+        observables, slope = objective.sensitivity(torch.as_tensor(point), solver=self.solver)
+        line_residuals = ((observables - objective.measured) / objective.sigma).numpy()
+        line_slopes = (slope / objective.sigma[:, None]).numpy()
+        prior_residuals = (point - unknowns.center) / unknowns.deviation
+        residuals = np.concatenate([line_residuals, prior_residuals])
+        jacobian = np.concatenate([line_slopes, np.diag(1 / unknowns.deviation)])
+
+        n_lines = len(line_residuals)
+        weighted = float(np.sqrt(np.mean(line_residuals**2)))
+        penalized = float(np.sqrt(np.sum(residuals**2) / n_lines))
+        gradient = (jacobian.T @ residuals) * unknowns.deviation / (n_lines * penalized)
+
+        self._points.append(point.copy())
+        self._losses.append((weighted, penalized, float(np.linalg.norm(gradient))))
+        self._cached_point = point.tobytes()
+        self._cached_residuals = residuals
+        self._cached_jacobian = jacobian
 
 
-GREATEST_FACTOR = 1000.0
+MAX_BOUND_FACTOR = 1000.0
 """Bounds are widened up to this factor from the nominal value."""
-WIDENED = "the bounds were widened beyond a factor of 10, as the optimum touched one."
-"""How a note about widened bounds ends."""
+WIDENED = "the bounds were widened beyond a factor of 10, because the optimum touched one."
+"""End of a note about widened bounds."""
 
 
 def widening_search(
     objective: Objective,
     method: Calibrator,
-    names: Collection[str],
+    symbols: Collection[str],
     *,
     seed: int,
     progress: Progress | None = None,
-) -> tuple[Objective, Search]:
-    """Search, repeated within bounds tenfold wider for each of `names` that ends at one, and the
-    objective it ended in.
+) -> tuple[Objective, SearchResult]:
+    """Return the result of a search whose bounds are widened as needed, and the objective with
+    these bounds.
 
+    The search is repeated within bounds tenfold wider for each of `symbols` that ends at a bound.
     The prior of a value is as wide as its bounds, so it widens with them. Each further search
-    starts from the optimum before. It ends where no such value touches a bound, or all that do are
-    at `GREATEST_FACTOR`.
+    starts from the previous optimum. It ends if no such value touches a bound, or if all that do
+    are at `MAX_BOUND_FACTOR`.
     """
-    search = method.search(objective, seed=seed, progress=progress)
-    simulations, widened = search.simulations, set[str]()
-    while letters := _to_widen(objective, search, names):
-        widened |= letters
+    result = method.search(objective, seed=seed, progress=progress)
+    simulations = result.simulations
+    all_widened = set[str]()
+
+    while widened := _find_bounds_to_widen(objective, result) & set(symbols):
+        all_widened |= widened
         space = objective.unknowns.space
         factor = np.array(
-            [DEFAULT_FACTOR if letter in letters else 1.0 for letter in PARAMETER_SYMBOLS.values()]
+            [
+                DEFAULT_BOUND_FACTOR if symbol in widened else 1.0
+                for symbol in PARAMETER_SYMBOLS.values()
+            ]
         )
         wider = SearchSpace(space.nominal, space.lower / factor, space.upper * factor)
-        objective = replace(
-            objective, unknowns=replace(objective.unknowns, space=wider, begun=None)
-        )
-        begun = replace(objective, unknowns=replace(objective.unknowns, begun=search.point))
-        search = method.search(begun, seed=seed, progress=progress)
-        simulations += search.simulations
-    if widened:
-        note = f"{', '.join(letter for letter in PARAMETER_SYMBOLS.values() if letter in widened)}: {WIDENED}"
-        search = replace(search, simulations=simulations, notes=(*search.notes, note))
-    return objective, search
+        unknowns = replace(objective.unknowns, space=wider, initial_point=None)
+        objective = replace(objective, unknowns=unknowns)
+        from_optimum = replace(objective, unknowns=replace(unknowns, initial_point=result.point))
+
+        result = method.search(from_optimum, seed=seed, progress=progress)
+        simulations += result.simulations
+
+    if all_widened:
+        ordered = [symbol for symbol in PARAMETER_SYMBOLS.values() if symbol in all_widened]
+        note = f"{', '.join(ordered)}: {WIDENED}"
+        result = replace(result, simulations=simulations, notes=(*result.notes, note))
+    return objective, result
 
 
-def _to_widen(objective: Objective, search: Search, names: Collection[str]) -> set[str]:
-    """Letters of values that touch a bound which may still be widened."""
+def _find_bounds_to_widen(objective: Objective, result: SearchResult) -> set[str]:
+    """Return the symbols of values that touch a bound which may still be widened."""
     space = objective.unknowns.space
-    may_grow = space.upper / space.nominal < GREATEST_FACTOR * (1 - 1e-9)
-    at_bound = touched(search.point, objective.unknowns)[VALUES]
-    letters = [PARAMETER_SYMBOLS[name] for name in PARAMETERS]
-    return {
-        letter for letter, grow, at in zip(letters, may_grow, at_bound, strict=True) if grow and at
-    } & set(names)
+    may_widen = space.upper / space.nominal < MAX_BOUND_FACTOR * (1 - 1e-9)
+    touches = is_at_bound(result.point, objective.unknowns)[VALUE_SLICE]
+    symbols = PARAMETER_SYMBOLS.values()
+    return {symbol for symbol, widen in zip(symbols, may_widen & touches, strict=True) if widen}

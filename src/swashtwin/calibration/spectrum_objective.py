@@ -10,8 +10,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from swashtwin.calibration.measurement import Measurement, turn_lines
-from swashtwin.calibration.unknowns import VALUES, Nuisances, Unknowns, build_search_space
+from swashtwin.calibration.measurement import Measurement, align_lines
+from swashtwin.calibration.unknowns import VALUE_SLICE, Nuisances, Unknowns, build_search_space
 from swashtwin.physics import SteadySolver, Twin
 
 Points: TypeAlias = Float[Tensor, "*batch unknown"]
@@ -20,16 +20,16 @@ MODEL_ERROR = 0.05
 """Relative error of every simulated line that even the right values leave; our estimate, as in
 docs/explanation/physics.md."""
 FLOOR = 0.02
-"""Least standard deviation of a line [m/s^2], from both sides together; as in
+"""Minimum standard deviation of a line [m/s^2], from twin and measurement together; as in
 docs/explanation/physics.md.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """One twin beside one measurement at its condition, line by line.
+    """One twin and one measurement at its operating point, compared line by line.
 
-    The *observables* are compared: the lines' amplitudes, as in the paper, or, of a measurement
+    The *observables* are compared: the lines' amplitudes, as in the paper, or, for a measurement
     with phases, the real and then the imaginary parts of its lines, after the twin was turned to
     the shaft position at which it fits best.
     """
@@ -39,43 +39,44 @@ class Comparison:
     measurement: Measurement
     """The measurement."""
     floor: Float[np.ndarray, "channel order"] | float = FLOOR
-    """Least standard deviation of a line [m/s^2]."""
-    searched: tuple[str, ...] = ()
-    """Channels that the search's gains, cross-talk and residues belong to, in their order, where
-    other recordings of it have more than this measurement; empty is the measurement's own.
+    """Minimum standard deviation of a line [m/s^2]."""
+    searched_channels: tuple[str, ...] = ()
+    """Channels that the search's gains, cross-talk and residues belong to, in their order, if
+    other recordings of the search have more channels than this measurement; empty stands for the
+    measurement's channels.
     """
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels of the search, in its order."""
-        return self.searched or self.measurement.channels
+        return self.searched_channels or self.measurement.channels
 
     @cached_property
-    def _rows(self) -> Tensor:
+    def _sensor_rows(self) -> Tensor:
+        """Rows of the twin's sensors that are the channels of the search."""
         return torch.tensor([self.twin.pump.channels.index(name) for name in self.channels])
 
     @cached_property
     def _measured_rows(self) -> Tensor | None:
-        """Indices of the measured channels among those of the search; None where all are
-        measured.
-        """
+        """Rows of the measured channels among those of the search; `None` if all are measured."""
         if self.channels == self.measurement.channels:
             return None
         return torch.tensor([self.channels.index(name) for name in self.measurement.channels])
 
     @cached_property
-    def _columns(self) -> Tensor:
+    def _twin_columns(self) -> Tensor:
+        """Columns of the twin's lines that were measured."""
         return torch.as_tensor(np.flatnonzero(np.isin(self.twin.orders, self.measurement.orders)))
+
+    @cached_property
+    def _measured_columns(self) -> Tensor | None:
+        """Columns of the twin's lines among those measured; `None` if the twin has all of them."""
+        columns = np.flatnonzero(np.isin(self.measurement.orders, self.twin.orders))
+        return None if len(columns) == len(self.measurement.orders) else torch.as_tensor(columns)
 
     @cached_property
     def _orders(self) -> Tensor:
         return torch.as_tensor(self.measurement.orders)
-
-    @cached_property
-    def _indices(self) -> Tensor | None:
-        """Indices of the twin's lines among those measured; None where it has all of them."""
-        indices = np.flatnonzero(np.isin(self.measurement.orders, self.twin.orders))
-        return None if len(indices) == len(self.measurement.orders) else torch.as_tensor(indices)
 
     @cached_property
     def _frequency(self) -> Tensor:
@@ -91,7 +92,7 @@ class Comparison:
         """Measured observables [m/s^2]."""
         if self.measurement.phasor is None:
             return torch.as_tensor(self.measurement.amplitude)
-        return _parts(torch.as_tensor(self.measurement.phasor))
+        return _split_parts(torch.as_tensor(self.measurement.phasor))
 
     @cached_property
     def sigma(self) -> Float[Tensor, "channel observable"]:
@@ -102,15 +103,17 @@ class Comparison:
         would not on a decibel scale.
         """
         measurement = self.measurement
-        amplitude, deviation, parts = measurement.amplitude, measurement.deviation, 1
         if measurement.phasor is not None and measurement.phasor_deviation is not None:
-            amplitude, deviation, parts = (
-                np.abs(measurement.phasor),
-                measurement.phasor_deviation,
-                2,
-            )
+            amplitude = np.abs(measurement.phasor)
+            deviation = measurement.phasor_deviation
+            n_parts = 2
+        else:
+            amplitude = measurement.amplitude
+            deviation = measurement.deviation
+            n_parts = 1
+
         variance = deviation**2 + (MODEL_ERROR * amplitude) ** 2 + self.floor**2
-        return torch.as_tensor(np.sqrt(variance)).repeat(1, parts)
+        return torch.as_tensor(np.sqrt(variance)).repeat(1, n_parts)
 
     @property
     def deviation(self) -> Float[np.ndarray, " observable"]:
@@ -123,46 +126,56 @@ class Comparison:
     def lines(
         self, unknowns: Unknowns, point: Points, solver: SteadySolver | None = None
     ) -> Complex[Tensor, "*batch channel order"]:
-        """Simulated lines [m/s^2] at `point`, differentiable, at the twin's own shaft position."""
+        """Return the simulated lines [m/s^2] at `point`, differentiable.
+
+        Their phases refer to the twin's shaft position, not to the measured one.
+        """
         lines = self.twin.acceleration(
-            point[..., VALUES].exp(), scales=unknowns.scales_of(point), solver=solver
+            point[..., VALUE_SLICE].exp(), scales=unknowns.scale_factors(point), solver=solver
         )
-        lines = lines.index_select(-2, self._rows).index_select(-1, self._columns)
-        if self._indices is not None:
+        lines = lines.index_select(-2, self._sensor_rows).index_select(-1, self._twin_columns)
+        if self._measured_columns is not None:
             silent = lines.new_zeros(*lines.shape[:-1], len(self.measurement.orders))
-            lines = silent.index_copy(-1, self._indices, lines)
-        mixing = unknowns.mixing_of(point)
+            lines = silent.index_copy(-1, self._measured_columns, lines)
+
+        mixing = unknowns.channel_mixing(point)
         if mixing is not None:
             lines = mixing.to(lines.dtype) @ lines
-        path = unknowns.response_of(point, self._frequency)
-        if path is not None:
-            lines = lines * path
-        return lines if self._measured_rows is None else lines.index_select(-2, self._measured_rows)
+
+        response = unknowns.sensor_response(point, self._frequency)
+        if response is not None:
+            lines = lines * response
+
+        return self._select_measured(lines)
+
+    def _select_measured(self, lines: Tensor) -> Tensor:
+        """Return the rows of the channels that were measured."""
+        if self._measured_rows is None:
+            return lines
+        return lines.index_select(-2, self._measured_rows)
 
     def observables(
         self, unknowns: Unknowns, point: Points, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch channel observable"]:
-        """Simulated observables [m/s^2] at `point`, differentiable."""
+        """Return the simulated observables [m/s^2] at `point`, differentiable."""
         lines = self.lines(unknowns, point, solver)
         if self.measurement.phasor is None:
             return lines.abs()
+
         weight = self.sigma[:, : len(self._orders)] ** -2
-        return _parts(
-            turn_lines(lines, torch.as_tensor(self.measurement.phasor), weight, self._orders)
-        )
+        measured = torch.as_tensor(self.measurement.phasor)
+        return _split_parts(align_lines(lines, measured, weight, self._orders))
 
     def amplitude_of(self, twin: Twin) -> Float[np.ndarray, "channel order"]:
-        """Amplitudes [m/s^2] of `twin` with its own values where this comparison has lines; 0 where
-        it is silent.
+        """Return the amplitudes [m/s^2] of `twin` at the lines of this comparison; 0 for lines
+        that the twin does not have.
         """
         limited = replace(twin, bandwidth=self.twin.bandwidth)
         with torch.no_grad():
-            lines = limited.acceleration().index_select(-2, self._rows)
-            lines = (
-                lines
-                if self._measured_rows is None
-                else lines.index_select(-2, self._measured_rows)
+            lines = self._select_measured(
+                limited.acceleration().index_select(-2, self._sensor_rows)
             )
+
         orders = self.measurement.orders
         amplitude = np.zeros((len(lines), len(orders)))
         amplitude[:, np.isin(orders, limited.orders)] = (
@@ -173,21 +186,21 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """Distance between a twin and what was measured of it at one or several conditions.
+    """Distance between a twin and what was measured of it at one or several operating points.
 
     All comparisons share what is searched, one *point* of `unknowns`: so a pump measured at three
-    pressures is calibrated once. Amplitudes of all comparisons, channels and orders stand in one
-    row of *observables*.
+    pressures is calibrated once. The observables of all comparisons, channels and orders form one
+    vector.
     """
 
     comparisons: tuple[Comparison, ...]
-    """One for each condition."""
+    """One for each operating point."""
     unknowns: Unknowns
     """What is searched."""
 
     @property
     def twin(self) -> Twin:
-        """The first condition's twin; the others differ from it in condition only."""
+        """The twin at the first operating point; the others differ from it in condition only."""
         return self.comparisons[0].twin
 
     @property
@@ -203,13 +216,12 @@ class Objective:
     @property
     def frequency(self) -> Float[np.ndarray, " observable"]:
         """Frequency of each observable [Hz]."""
-        lines = [
-            (item.measurement.orders * item.twin.condition.shaft_frequency, item)
-            for item in self.comparisons
-        ]
-        return np.concatenate(
-            [np.tile(row, item.measured.numel() // len(row)) for row, item in lines]
-        )
+        rows = []
+        for comparison in self.comparisons:
+            shaft_frequency = comparison.twin.condition.shaft_frequency
+            frequency = comparison.measurement.orders * shaft_frequency
+            rows.append(np.tile(frequency, comparison.measured.numel() // len(frequency)))
+        return np.concatenate(rows)
 
     @cached_property
     def measured(self) -> Float[Tensor, " observable"]:
@@ -231,7 +243,7 @@ class Objective:
     def observables(
         self, point: Points, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch observable"]:
-        """Simulated observables [m/s^2], differentiable."""
+        """Return the simulated observables [m/s^2], differentiable."""
         parts = [
             comparison.observables(self.unknowns, point, solver) for comparison in self.comparisons
         ]
@@ -240,11 +252,11 @@ class Objective:
     def spectrum_loss(
         self, point: Points, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
-        """RMSE between simulated and measured observables over the RMS of the measured ones (the
-        paper's L_freq).
+        """Return the RMSE of the observables over the RMS of the measured ones (the paper's
+        L_freq).
 
-        With several conditions, the root of the mean of their squares, so that none counts more for
-        being louder.
+        With several operating points, the root of the mean of their squares, so that none counts
+        more for being louder.
         """
         squares = []
         for comparison in self.comparisons:
@@ -252,24 +264,25 @@ class Objective:
             squares.append(
                 difference.square().mean(dim=(-2, -1)) / comparison.measured.square().mean()
             )
-        return _root(torch.stack(squares).mean(dim=0))
+        return _safe_sqrt(torch.stack(squares).mean(dim=0))
 
     def weighted_loss(
         self, point: Points, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch"]:
-        """RMS of the differences over `sigma`: 1 where they are as large as expected."""
+        """Return the RMS of the differences over `sigma`: 1 if they are as large as expected."""
         difference = (self.observables(point, solver) - self.measured) / self.sigma
-        return _root(difference.square().mean(dim=-1))
+        return _safe_sqrt(difference.square().mean(dim=-1))
 
     def sensitivity(
         self, point: Float[Tensor, " unknown"], solver: SteadySolver | None = None
     ) -> tuple[Float[Tensor, " observable"], Float[Tensor, "observable unknown"]]:
-        """Observables [m/s^2] at `point`, and their exact derivatives with respect to its
-        coordinates.
+        """Return the observables [m/s^2] at `point`, and their exact derivatives with respect to
+        its coordinates.
         """
         directions = torch.eye(len(point), dtype=point.dtype)
         points = point.detach().repeat(len(point), 1).requires_grad_()
         observables = self.observables(points, solver)
+
         # Backward is linear in the weights it is given: its derivative along a direction, with
         # respect to them, is the forward derivative along that direction. One batch holds all
         # directions.
@@ -279,17 +292,19 @@ class Objective:
         return observables[0].detach(), slope.T
 
 
-def _parts(lines: Complex[Tensor, "*batch order"]) -> Float[Tensor, "*batch observable"]:
-    """Real parts, then imaginary parts."""
+def _split_parts(lines: Complex[Tensor, "*batch order"]) -> Float[Tensor, "*batch observable"]:
+    """Return the real parts, then the imaginary parts."""
     return torch.cat([lines.real, lines.imag], dim=-1)
 
 
-def _root(square: Tensor) -> Tensor:
-    """Square root whose derivative stays finite at 0, where a twin meets its own recording."""
+def _safe_sqrt(square: Tensor) -> Tensor:
+    """Return the square root, with a finite derivative at 0, where a twin meets its own
+    recording.
+    """
     return (square + 1e-24).sqrt()
 
 
-NONE = Nuisances()
+NO_NUISANCES = Nuisances()
 """Only the six values are searched."""
 
 
@@ -297,9 +312,9 @@ def build_objective(
     twins: Twin | Sequence[Twin],
     measurements: Measurement | Sequence[Measurement],
     bounds: Mapping[str, tuple[float, float]] | float | None = None,
-    nuisances: Nuisances = NONE,
+    nuisances: Nuisances = NO_NUISANCES,
 ) -> Objective:
-    """Objective of calibrating one pump on what was measured of it.
+    """Return the objective of calibrating one pump on what was measured of it.
 
     Parameters
     ----------
@@ -307,33 +322,40 @@ def build_objective(
     measurements : one for each twin; only lines that the twin has are compared. Their channels may
         differ.
     bounds : see `build_search_space`.
-    nuisances : what is searched beside the six values.
+    nuisances : constants that are searched with the six values.
     """
     twins = [twins] if isinstance(twins, Twin) else list(twins)
     measurements = [measurements] if isinstance(measurements, Measurement) else list(measurements)
     channels = tuple(
         dict.fromkeys(name for measurement in measurements for name in measurement.channels)
     )
-    pairs = zip(twins, measurements, strict=True)
-    comparisons = tuple(build_comparison(*pair, channels) for pair in pairs)
-    scales = np.log(twins[0].scales.values())
-    return Objective(
-        comparisons, Unknowns(build_search_space(twins[0], bounds), nuisances, channels, scales)
+
+    comparisons = tuple(
+        build_comparison(twin, measurement, channels)
+        for twin, measurement in zip(twins, measurements, strict=True)
     )
+    log_scales = np.log(twins[0].scales.values())
+    space = build_search_space(twins[0], bounds)
+    return Objective(comparisons, Unknowns(space, nuisances, channels, log_scales))
 
 
 def build_comparison(
     twin: Twin, measurement: Measurement, channels: tuple[str, ...] = ()
 ) -> Comparison:
-    """Comparison within the band that was measured, of the lines that the twin has, or of all of a
-    ``"spectrum"``.
+    """Return the comparison of the lines that the twin has; of a ``"spectrum"``, of all lines that
+    were measured.
     """
-    shaft = twin.condition.shaft_frequency
-    limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * shaft, path=None)
-    common = np.isin(measurement.orders, limited.orders) | (measurement.lines == "spectrum")
-    names = ("amplitude", "deviation", "phasor", "phasor_deviation")
-    rows = {
-        name: row[:, common] for name in names if (row := getattr(measurement, name)) is not None
-    }
-    compared = replace(measurement, orders=measurement.orders[common], **rows)
-    return Comparison(twin=limited, measurement=compared, searched=channels)
+    shaft_frequency = twin.condition.shaft_frequency
+    # half an order more, so that rounding cannot cut off the last line
+    bandwidth = (float(measurement.orders[-1]) + 0.5) * shaft_frequency
+    limited = replace(twin, bandwidth=bandwidth, path=None)
+
+    is_compared = np.isin(measurement.orders, limited.orders) | (measurement.lines == "spectrum")
+    columns = {}
+    for name in ("amplitude", "deviation", "phasor", "phasor_deviation"):
+        values = getattr(measurement, name)
+        if values is not None:
+            columns[name] = values[:, is_compared]
+
+    compared = replace(measurement, orders=measurement.orders[is_compared], **columns)
+    return Comparison(twin=limited, measurement=compared, searched_channels=channels)

@@ -101,11 +101,11 @@ def _print_plan(plan: "RecordingPlan") -> None:
     )
     print_table(
         "Candidates for the next recording; total ln width of the six intervals now "
-        f"{plan.total_width:.2f}",
+        f"{plan.total_interval_width:.2f}",
         header,
         rows,
     )
-    if plan.candidates[-1].total_width >= plan.total_width:
+    if plan.candidates[-1].total_interval_width >= plan.total_interval_width:
         print_text(
             "none: there, the model error of the twin exceeds what a further recording resolves, "
             "so that no interval becomes narrower."
@@ -116,14 +116,14 @@ def _print_plan(plan: "RecordingPlan") -> None:
 
 
 def _candidate_row(candidate: "CandidateRecording", plan: "RecordingPlan") -> tuple[str, ...]:
-    gain = 1 - candidate.total_width / plan.total_width
+    gain = 1 - candidate.total_interval_width / plan.total_interval_width
     symbol, factor = max(candidate.narrowing_factors.items(), key=lambda pair: pair[1])
     return (
         f"{candidate.speed * 30 / math.pi:.0f} rpm",
         f"{candidate.discharge_pressure / 1e6:.3g} MPa",
         f"{candidate.duration:.3g} s",
         ", ".join(candidate.channels),
-        f"{candidate.total_width:.2f}",
+        f"{candidate.total_interval_width:.2f}",
         f"{gain:.1%}" if gain > 0 else "none",
         f"{symbol}, {factor:.2g} times" if factor > 1 else "-",
     )
@@ -356,7 +356,7 @@ def severity(
         healthy_recordings += _further_healthy(healthy, specimen, healthy_recordings)
 
     free_dimensions = [
-        name for name in get_severity_search(defect).free if name not in fixed_dimensions
+        name for name in get_severity_search(defect).default_free if name not in fixed_dimensions
     ]
     with progress("estimating severities"):
         trend = estimate_severity(
@@ -449,9 +449,9 @@ def _print_severity(trend: "SeverityTrend", n_healthy: int) -> None:
             (
                 estimate.recording_id,
                 f"{estimate.condition.discharge_pressure / 1e6:.4g} MPa",
-                estimate.severity.words,
+                estimate.severity.text,
                 estimate.severity.verdict,
-                None if limit is None else estimate.severity.dimension.words(limit),
+                None if limit is None else estimate.severity.dimension.format_value(limit),
                 ", ".join(further_dimensions),
             )
         )

@@ -304,14 +304,14 @@ class RecordingViews:
         shaft_hz = specified_shaft_frequency(recording)
         start_speeds = _START_SPEEDS_HZ if shaft_hz is None else (shaft_hz,)
         speeds = [detect_speed(recording, start, pistons) for start in start_speeds]
-        clearest = max(speeds, key=lambda speed: speed.shown_contrast)
+        clearest = max(speeds, key=lambda speed: speed.detected_contrast)
         if not clearest.is_clear:
             raise DataError(
                 f"{name}: no lines of {pistons} pistons are clear of the noise, so the speed cannot"
                 " be determined."
             )
 
-        contrast = clearest.shown_contrast
+        contrast = clearest.detected_contrast
         clarity = 1 - math.exp(-contrast)
         return {"rpm": 60 * clearest.shown, "contrast": contrast, "clarity": clarity}
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from swashtwin.calibration import VALUES, Calibration, Estimate, Fit, Spectra
+from swashtwin.calibration import VALUE_SLICE, Calibration, Estimate, Fit, Spectra
 from swashtwin.foundation import plural
 from swashtwin.plot import (
     CALIBRATED,
@@ -241,9 +241,9 @@ def directions_table(calibration: Calibration) -> Table:
         calibration.posterior,
         tuple(estimate.symbol for estimate in calibration.estimates),
     )
-    prior = posterior.unknowns.deviation[VALUES]
+    prior = posterior.unknowns.deviation[VALUE_SLICE]
     variance, directions = np.linalg.eigh(
-        posterior.covariance[VALUES, VALUES] / np.outer(prior, prior)
+        posterior.covariance[VALUE_SLICE, VALUE_SLICE] / np.outer(prior, prior)
     )
     directions = directions * np.sign(
         directions[np.abs(directions).argmax(axis=0), range(len(letters))]
@@ -506,7 +506,7 @@ def draw_search(calibration: Calibration, key: str) -> Drawing:
     figure, axes = create_panels(2, 1, 5.4, sharex=True, height_ratios=(2, 3))
     above, below = axes[:, 0]
     for panel in (above, below):
-        panel.axvline(history.best + 1, color=LIGHT, linewidth=3)
+        panel.axvline(history.best_step + 1, color=LIGHT, linewidth=3)
     above.plot(step, history.loss, color="#000000")
     above.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
     above.set_ylim(bottom=max(above.get_ylim()[0], history.loss.min() / 30))
@@ -525,7 +525,7 @@ def draw_search(calibration: Calibration, key: str) -> Drawing:
     figure.legend(loc="outside right lower")
     caption = (
         f"Above: loss over the search with {calibration.method}, as that method measures it. Below: solid is damping, "
-        f"dashed stiffness, one color for each interface. The gray line marks the best step, {history.best + 1} of "
+        f"dashed stiffness, one color for each interface. The gray line marks the best step, {history.best_step + 1} of "
         f"{len(step)}; its values are the result."
     )
     return render_drawing(f"{key}_search", figure, columns, title="The search", caption=caption)

@@ -111,7 +111,7 @@ def _check_pistons(
         if detected.is_clear and not detected.contradicts:
             return []
         if detected.contradicts and not contradiction:
-            line_spacing = detected.shown * count
+            line_spacing = detected.detected * count
             contradiction = _describe_contradiction(recording, twin, line_spacing, shaft_frequency)
 
     if contradiction:

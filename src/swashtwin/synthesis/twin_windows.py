@@ -235,7 +235,7 @@ def _calibration_notes(
             "these are those of the pump file, which no recording has checked. Calibrate on them, "
             "or leave them out (channels = [...]).",
         )
-    if law is not None and law.of(twin.fault) != twin.fault and not law.corner.is_constrained:
+    if law is not None and law.apply_to(twin.fault) != twin.fault and not law.corner.is_constrained:
         notes += (
             "No recording shows how slippers follow a recess "
             f"(corner: {law.corner.verdict}); the windows guess it.",
@@ -366,7 +366,7 @@ def _vary(source: Twin, law: FaultLaw | None, variation: Variation, seed: int, i
     if law is None:
         return twin
     corner_draw = random_stream(seed, "law", twin.label, index).normal()
-    return twin.with_fault(law.of(twin.fault, corner_draw))
+    return twin.with_fault(law.apply_to(twin.fault, corner_draw))
 
 
 def _draw_sources(

@@ -211,7 +211,7 @@ def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
         **values,
         "loss": float(loss.min()),
         "first_loss": float(loss[0]),
-        "best_epoch": float(calibration.history.best + 1),
+        "best_epoch": float(calibration.history.best_step + 1),
         "curve": np.asarray(loss).tolist(),
     }
 

@@ -22,10 +22,10 @@ from swashtwin.calibration import (
     Estimate,
     GaussNewton,
     Nuisances,
-    agreement,
     average_agreements,
     build_objective,
     calibrate,
+    evaluate_agreement,
     evaluate_line_agreement,
     measure,
 )
@@ -240,7 +240,9 @@ def _interval(pump: _Pump, method: str, estimate: Estimate, truth: float) -> dic
 def errors_on(recording: Recording, twin: Twin) -> dict[str, float]:
     """RMSE, PE and SVE of a twin on a recording at its operating point."""
     (comparison,) = build_objective(twin, measure(twin, [recording])).comparisons
-    return _errors(agreement(comparison.measurement, twin, comparison.amplitude_of(twin))[0])
+    return _errors(
+        evaluate_agreement(comparison.measurement, twin, comparison.amplitude_of(twin))[0]
+    )
 
 
 def _errors_of_truth(recording: Recording, nominal: Twin, run: Run) -> dict[str, float]:

@@ -172,7 +172,7 @@ def figures(calibration: Calibration, truth: np.ndarray) -> dict[str, Any]:
         "errs": float(errs),
         "warned": float(bool(warnings)),
         "silent": float(errs and not warnings),
-        "misfit": float(history.spectrum_loss[history.best]),
+        "misfit": float(history.spectrum_loss[history.best_step]),
         "values": {
             each.symbol: [float(each.value / true), each.log_std, each.verdict]
             for each, true in zip(calibration.estimates, truth, strict=True)

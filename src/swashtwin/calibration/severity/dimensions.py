@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -22,13 +21,13 @@ from swashtwin.pump import (
     ValvePlateWear,
 )
 
-POSITION_SHARE = 0.5
-"""`Dimension.share` of lengths and widths along the track; chosen on fleets 100-119 of the virtual
-rig.
+POSITION_STD_FACTOR = 0.5
+"""`Dimension.std_factor` of lengths and widths along the track; chosen on fleets 100-119 of the
+virtual rig.
 """
-EDGES = 0.002
-"""`Dimension.law` of a recess's length, 0.06 mm of 30 mm: where its edges begin; chosen on the same
-fleets.
+EDGE_LAW_STD = 0.002
+"""`Dimension.law_std` of a recess's length, 0.06 mm of 30 mm: where its edges begin; chosen on the
+same fleets.
 """
 
 
@@ -39,36 +38,35 @@ class Dimension:
     name: str
     """Field of the fault."""
     unit: str
-    """Unit in which it is stated."""
+    """Unit in which it is shown."""
     per_unit: float
-    """What one such unit is in SI."""
-    deviation: float = math.inf
+    """One such unit in SI."""
+    prior_std: float = math.inf
     """Standard deviation of its logarithm before anything is measured [an estimate of ours];
-    infinite for severities, where every value from zero on is equally likely.
+    infinite for severities, of which every value from zero on is equally likely.
     """
-
-    share: float = 1.0
-    """Share of the standard deviation of its logarithm that the lines leave. Less than 1 where it
+    std_factor: float = 1.0
+    """Factor on the standard deviation of its logarithm that the lines leave. Less than 1 if it
     decides at which orders lines vanish: errors of levels, which widen the deviation, hardly move
     that.
     """
-    law: float = 0.0
+    law_std: float = 0.0
     """Standard deviation of the logarithm of what the fault's law gives for it. That of a severity,
-    which the settings can change, is `SeveritySearch.law`.
+    which the settings can change, is `SeveritySearch.law_std`.
     """
 
-    def words(self, value: float) -> str:
-        """`value` [SI] in the dimension's unit."""
+    def format_value(self, value: float) -> str:
+        """Return `value` [SI] in the dimension's unit."""
         return f"{value / self.per_unit:.3g} {self.unit}".rstrip()
 
 
-HYDRAULIC_LAW = 0.12
+HYDRAULIC_LAW_STD = 0.12
 """Standard deviation of the logarithm of what the law of a fault that opens or leaks gives for its
 severity; chosen on fleets 100-111 of the virtual rig, as are those of recesses, clearances, bores
 and erosion below.
 """
-CONTACT_LAW = 0.25
-"""The same of a contact that no fleet was asked about, where a film would have to pull
+CONTACT_LAW_STD = 0.25
+"""The same of a contact that was not studied on a fleet, at which a film would have to pull
 (docs/explanation/physics.md, section 2.5) [estimate of ours].
 """
 
@@ -79,90 +77,110 @@ class SeveritySearch:
 
     dimensions: tuple[Dimension, ...]
     """Dimensions that can be searched, the severity first."""
-    law: float = HYDRAULIC_LAW
+    law_std: float = HYDRAULIC_LAW_STD
     """Standard deviation of the logarithm of what the fault's law gives for its severity."""
-    free: tuple[str, ...] = ()
-    """Dimensions searched beside the severity by default."""
-    roll_off: float = 0.0
+    default_free: tuple[str, ...] = ()
+    """Dimensions searched with the severity by default."""
+    roll_off_std: float = 0.0
     """Standard deviation of the relative error at 1 kHz of what the fault excites, which grows with
-    the square of the
-    frequency: how far parts that are no rigid bodies follow the fault."""
+    the square of the frequency: how far parts that are not rigid follow the fault.
+    """
 
 
 _searches: dict[type[Fault], SeveritySearch] = {}
 
 
 def register_severity(kind: type[Fault], search: SeveritySearch) -> None:
-    """Say how the severity of a kind of fault is searched; without it, the severity alone is, in SI
-    units.
+    """Register how the severity of a kind of fault is searched.
+
+    A fault that is not registered is searched by its severity alone, in SI units.
 
     Raises
     ------
     InputError
-        A dimension is no field of the fault, or the first is not its severity.
+        A dimension is not a field of the fault, or the first is not its severity.
     """
-    names = [item.name for item in fields(kind)]
-    wrong = [dimension.name for dimension in search.dimensions if dimension.name not in names]
-    if wrong or not search.dimensions or search.dimensions[0].name != names[0]:
+    names = [field.name for field in fields(kind)]
+    unknown = [dimension.name for dimension in search.dimensions if dimension.name not in names]
+    if unknown or not search.dimensions or search.dimensions[0].name != names[0]:
         raise InputError(
-            f"{kind.__name__} has the dimensions {', '.join(names)}; the search must begin with {names[0]}, its "
-            f"severity, and name others of these (not {', '.join(wrong) or 'another first'})."
+            f"{kind.__name__} has the dimensions {', '.join(names)}; the search must begin with "
+            f"{names[0]}, its severity, and name others of these (not "
+            f"{', '.join(unknown) or 'another first'})."
         )
     _searches[kind] = search
 
 
 def get_severity_search(fault: Fault) -> SeveritySearch:
-    """How the severity of a fault is searched."""
+    """Return how the severity of a fault is searched."""
     severity = fields(fault)[0].name
-    return _searches.get(
-        type(fault), SeveritySearch((Dimension(severity, fault.units.get(severity, ""), 1.0),))
-    )
+    default = SeveritySearch((Dimension(severity, fault.units.get(severity, ""), 1.0),))
+    return _searches.get(type(fault), default)
 
 
-_MM, _UM, _DEG = ("mm", 1e-3), ("µm", 1e-6), ("deg", math.pi / 180)
-for _kind, _search in (
-    (
-        SwashPlateDefect,
-        SeveritySearch(
-            (
-                Dimension("depth", *_MM),
-                Dimension("length", *_MM, 0.3, share=POSITION_SHARE, law=EDGES),
-                Dimension("width", *_MM, 0.3),
-                Dimension("angle", *_DEG, 0.1),
-                Dimension("corner", "Hz", 1.0, 1.0),
-                Dimension("fall", "", 1.0, 0.3),
-                Dimension("gain", "", 1.0, 0.5),
-                Dimension("leakage", "", 1.0, 0.7),
+_MM = ("mm", 1e-3)
+_UM = ("µm", 1e-6)
+_DEG = ("deg", math.pi / 180)
+
+register_severity(
+    SwashPlateDefect,
+    SeveritySearch(
+        (
+            Dimension("depth", *_MM),
+            Dimension(
+                "length",
+                *_MM,
+                prior_std=0.3,
+                std_factor=POSITION_STD_FACTOR,
+                law_std=EDGE_LAW_STD,
             ),
-            0.1,
-            free=("length",),
-            roll_off=1.0,
+            Dimension("width", *_MM, prior_std=0.3),
+            Dimension("angle", *_DEG, prior_std=0.1),
+            Dimension("corner", "Hz", 1.0, prior_std=1.0),
+            Dimension("fall", "", 1.0, prior_std=0.3),
+            Dimension("gain", "", 1.0, prior_std=0.5),
+            Dimension("leakage", "", 1.0, prior_std=0.7),
         ),
+        law_std=0.1,
+        default_free=("length",),
+        roll_off_std=1.0,
     ),
-    (PistonWear, SeveritySearch((Dimension("clearance", *_UM),), 0.08)),
-    (
-        BoreDefect,
-        SeveritySearch(
-            (
-                Dimension("depth", *_UM),
-                Dimension("half_width", *_DEG, 0.3, share=POSITION_SHARE),
-                Dimension("angle", *_DEG, 0.1),
-            ),
-            0.08,
-            free=("half_width",),
+)
+register_severity(PistonWear, SeveritySearch((Dimension("clearance", *_UM),), law_std=0.08))
+register_severity(
+    BoreDefect,
+    SeveritySearch(
+        (
+            Dimension("depth", *_UM),
+            Dimension("half_width", *_DEG, prior_std=0.3, std_factor=POSITION_STD_FACTOR),
+            Dimension("angle", *_DEG, prior_std=0.1),
         ),
+        law_std=0.08,
+        default_free=("half_width",),
     ),
-    (SealingLandScratch, SeveritySearch((Dimension("conductance", "mm³/(s MPa)", 1e-15),))),
-    (TiltedBlockFace, SeveritySearch((Dimension("variation", "", 1.0),), CONTACT_LAW)),
-    (ValvePlateWear, SeveritySearch((Dimension("film_increase", *_UM),))),
-    (DamScratch, SeveritySearch((Dimension("area", "mm²", 1e-6), Dimension("width", *_DEG, 0.3)))),
-    (
-        GrooveErosion,
-        SeveritySearch((Dimension("advance", *_DEG), Dimension("area_factor", "", 1.0, 0.5)), 0.15),
+)
+register_severity(
+    SealingLandScratch, SeveritySearch((Dimension("conductance", "mm³/(s MPa)", 1e-15),))
+)
+register_severity(
+    TiltedBlockFace,
+    SeveritySearch((Dimension("variation", "", 1.0),), law_std=CONTACT_LAW_STD),
+)
+register_severity(ValvePlateWear, SeveritySearch((Dimension("film_increase", *_UM),)))
+register_severity(
+    DamScratch,
+    SeveritySearch((Dimension("area", "mm²", 1e-6), Dimension("width", *_DEG, prior_std=0.3))),
+)
+register_severity(
+    GrooveErosion,
+    SeveritySearch(
+        (Dimension("advance", *_DEG), Dimension("area_factor", "", 1.0, prior_std=0.5)),
+        law_std=0.15,
     ),
-    (LooseSlipper, SeveritySearch((Dimension("clearance", *_MM),), CONTACT_LAW)),
-):
-    register_severity(_kind, _search)
+)
+register_severity(
+    LooseSlipper, SeveritySearch((Dimension("clearance", *_MM),), law_std=CONTACT_LAW_STD)
+)
 
 
 @dataclass(frozen=True)
@@ -174,49 +192,57 @@ class FaultSpace:
     """
 
     reference: Fault
-    """The fault where all coordinates are those of `start`."""
+    """The fault at the coordinates of `start`."""
     free: tuple[Dimension, ...]
-    """What is searched, the severity first."""
+    """Dimensions that are searched, the severity first."""
 
     @property
     def start(self) -> Float[np.ndarray, " dimension"]:
         """Coordinates of the reference."""
         return np.array([1.0] + [0.0] * (len(self.free) - 1))
 
-    def at(self, coordinates: Float[np.ndarray, " dimension"]) -> Fault | None:
-        """The fault of those coordinates; None where its severity is zero."""
+    def fault_at(self, coordinates: Float[np.ndarray, " dimension"]) -> Fault | None:
+        """Return the fault of those coordinates; `None` if its severity is zero."""
         if coordinates[0] == 0:
             return None
-        further: dict[str, Any] = {
+
+        dimensions = {
             dimension.name: getattr(self.reference, dimension.name) * math.exp(float(logarithm))
             for dimension, logarithm in zip(self.free[1:], coordinates[1:], strict=True)
         }
-        return replace(self.reference, **further).scaled(float(coordinates[0]))
+        return replace(self.reference, **dimensions).scaled(float(coordinates[0]))
 
 
-def fault_space(fault: Fault, free: Sequence[str] | None = None) -> FaultSpace:
-    """`fault` with its severity free, and the further dimensions named; the usual ones where None.
+def build_fault_space(fault: Fault, free: Sequence[str] | None = None) -> FaultSpace:
+    """Return `fault` with its severity and the named further dimensions free.
 
-    An `InputError` where the fault has no such dimension, or no severity to scale.
+    Parameters
+    ----------
+    free : further dimensions; `None` frees those of `SeveritySearch.default_free`.
+
+    Raises
+    ------
+    InputError
+        The fault does not have such a dimension, or has no severity to scale.
     """
     search = get_severity_search(fault)
     dimensions = {dimension.name: dimension for dimension in search.dimensions}
-    severity, *_ = dimensions
-    further = search.free if free is None else [name for name in free if name != severity]
-    for name in further:
+    severity = search.dimensions[0].name
+    names = search.default_free if free is None else [name for name in free if name != severity]
+
+    kind = type(fault).__name__
+    for name in names:
         if name not in dimensions:
-            names = ", ".join(dimensions)
             raise InputError(
-                f"{type(fault).__name__} has no dimension {name!r} to search; it has {names}."
+                f"{kind} has no dimension {name!r} to search; it has {', '.join(dimensions)}."
             )
         if getattr(fault, name) <= 0:
             raise InputError(
-                f"{type(fault).__name__}.{name} is 0; give a typical one, from which the search starts."
+                f"{kind}.{name} is 0: specify a typical one, from which the search starts."
             )
     if fault.severity <= 0:
         raise InputError(
-            f"{type(fault).__name__}.{severity} is 0; give a typical one, from which the search starts."
+            f"{kind}.{severity} is 0: specify a typical one, from which the search starts."
         )
-    return FaultSpace(
-        fault, tuple(dimensions[name] for name in dict.fromkeys([severity, *further]))
-    )
+
+    return FaultSpace(fault, tuple(dimensions[name] for name in dict.fromkeys([severity, *names])))

@@ -1,19 +1,20 @@
-"""The law of a recess, identified from recordings of it beside the pump's healthy calibration."""
+"""The law of a recess, identified from recordings of it and the pump's healthy calibration."""
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from swashtwin.calibration.fault_law import NOISE_SYMBOL, FaultLaw
 from swashtwin.calibration.measurement import assign_single_channels
-from swashtwin.calibration.posterior import MISFIT, Estimate, estimated
-from swashtwin.calibration.result import Calibration, FaultLaw
-from swashtwin.calibration.severity.dimensions import fault_space
-from swashtwin.calibration.severity.inversion import FACTORS, Inversion, Minimum
-from swashtwin.calibration.severity.severity import SeveritySettings
-from swashtwin.calibration.severity.severity_search import comparison_of_fault, invert
+from swashtwin.calibration.posterior import MAX_MISFIT, Estimate, build_estimate
+from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.severity.dimensions import build_fault_space
+from swashtwin.calibration.severity.inversion import SEVERITY_GRID, Inversion, Minimum
+from swashtwin.calibration.severity.severity_result import SeveritySettings
+from swashtwin.calibration.severity.severity_search import build_fault_comparison, build_inversion
 from swashtwin.calibration.spectrum_objective import Comparison
 from swashtwin.foundation import DataError, InputError, one_thread
 from swashtwin.physics import Twin
@@ -23,40 +24,46 @@ from swashtwin.signals import power_density
 
 Contact = Literal["shared", "lift_off"]
 Edge = Literal["half_sine", "raised_cosine"]
-LAWS: tuple[tuple[Contact, Edge], ...] = (
-    ("shared", "half_sine"),
-    ("shared", "raised_cosine"),
-    ("lift_off", "half_sine"),
-    ("lift_off", "raised_cosine"),
-)
-"""Contacts and shapes of the entry that are compared: films that pull, and slippers that lift off
-and land. Only the likelier entry is ridden.
-"""
-FREE: dict[Contact, tuple[str, ...]] = {
+EDGES: tuple[Edge, ...] = ("half_sine", "raised_cosine")
+"""Shapes of the entry of a recess that are compared."""
+FREE_DIMENSIONS: dict[Contact, tuple[str, ...]] = {
     "shared": ("corner", "fall", "length", "angle"),
     "lift_off": ("corner", "fall", "length", "angle", "gain", "leakage"),
 }
-"""What is searched beside the depth. Where films are strained, the depth and a slipper's share of
-the stiffness (`gain`) multiply one another: the lines hold their product alone, which counts as
-depth.
+"""Dimensions that are searched with the depth, by contact: films that pull, or slippers that lift
+off and land. If films are strained, the depth and a slipper's share of the stiffness (`gain`)
+multiply one another: the lines hold their product alone, which counts as depth.
 """
-DEPTH_PRIOR = math.log(FACTORS[-1] / FACTORS[0]) / math.sqrt(12)
-"""Standard deviation of ln depth before anything is measured: as if even over all that is
-searched.
+PRIOR_BOUND_STDS = 4.0
+"""Bounds of an unknown of the law, in standard deviations of its prior."""
+DEPTH_PRIOR_STD = math.log(SEVERITY_GRID[-1] / SEVERITY_GRID[0]) / math.sqrt(12)
+"""Standard deviation of ln depth before anything is measured: that of a uniform density over all
+that is searched.
 """
-FLOOR_PRIOR = 0.7
+NOISE_PRIOR_STD = 0.7
 """The same of the noise's factor: at most fourfold in 95 % [an estimate of ours]."""
-REASSEMBLY = 0.05
-"""Least standard deviation of ln noise from one recording to the next [an estimate of ours]."""
-_CLEAR = 3.0
+MIN_NOISE_SCATTER = 0.05
+"""Minimum standard deviation of ln noise from one recording to the next [an estimate of ours]."""
+_LINE_CLEARANCE = 3.0
 """Distance from the piston-pass lines beyond which there is noise [lines of the spectrum]."""
-_SEGMENT = 16384
+_SEGMENT_SAMPLES = 16384
 """Samples of a segment of the noise's spectrum."""
 
 
+@dataclass(frozen=True)
+class _LawFit:
+    """How a recess fits its recordings under one law."""
+
+    log_evidence: float
+    """Ln evidence without the terms that all laws share."""
+    fault: SwashPlateDefect
+    estimates: tuple[Estimate, ...]
+    misfit: float
+
+
 def typical_corner(pump: Pump) -> float:
-    """Corner [Hz] before anything is measured: of a slipper's mass on its share of the films'
-    stiffness.
+    """Return the corner [Hz] before anything is measured: of a slipper's mass on its share of the
+    films' stiffness.
 
     sqrt(K_sw / (n m)) / 2 pi. K_sw is known to a decade (docs/explanation/physics.md, section 4),
     and films damp: `dimensions` gives ln corner a standard deviation of 1.
@@ -71,186 +78,234 @@ def identify_law(
     fault: Fault,
     healthy: Sequence[Recording],
 ) -> FaultLaw:
-    """The law under which a recess explains recordings of it best.
+    """Return the law under which a recess explains recordings of it best.
 
     Its dimensions are searched together with the six values and all constants of the healthy
-    calibration, whose posterior is the prior, once under each of `LAWS`. All recordings share one
-    recess, whatever their pressures.
+    calibration, whose posterior is the prior, once under each law. All recordings share one recess,
+    whatever their pressures.
 
     Parameters
     ----------
     calibration : of this pump on its healthy recordings.
-    recordings : those of the recess are used.
-    fault : the recess as far as it is known: the search starts there.
-    healthy : what was calibrated on, to compare the noise with.
+    recordings : recordings of the pump; those of the recess are used.
+    fault : the recess with its known dimensions: the search starts there.
+    healthy : recordings of the calibration, to compare the noise with.
 
     Raises
     ------
     InputError
-        The fault is no recess, whose law alone has unknowns.
+        The fault is not a recess, the only fault whose law has unknowns.
     DataError
-        No recording of the recess states its condition, or its channels are not those that were
-        calibrated.
+        No recording of the recess specifies its operating point, or its channels are not those of
+        the calibration.
     """
     if not isinstance(fault, SwashPlateDefect):
         raise InputError(
-            f"the law of {type(fault).__name__} has no unknowns; a law is searched of a recess, swash_plate, alone."
+            f"The law of {type(fault).__name__} has no unknowns: only the law of a recess, "
+            "swash_plate, can be searched."
         )
-    placed, _ = assign_single_channels(recordings, calibration.nominal.pump)
-    used = [
-        item
-        for item in placed
-        if item.condition is not None and is_same_class(item.label, fault.label)
-    ]
-    if not used:
-        raise DataError(
-            f"no recording of {fault.label} states its condition: there is nothing to find its law from."
-        )
-    points = group_by_condition([item.condition for item in used if item.condition is not None])
-    band, settings = tuple(calibration.settings["band"]), SeveritySettings()
-    fault = replace(fault, corner=fault.corner or typical_corner(calibration.nominal.pump))
-    fits: dict[str, tuple[float, SwashPlateDefect, tuple[Estimate, ...], float]] = {}
-    starts: list[np.ndarray] = []
+    used = _select_recordings(calibration, recordings, fault)
+    corner = fault.corner or typical_corner(calibration.nominal.pump)
+    fault = replace(fault, corner=corner)
+
+    conditions = [item.condition for item in used if item.condition is not None]
+    groups = [[used[index] for index in group] for group in group_by_condition(conditions)]
     with one_thread():
-        for contact, edge in LAWS:
-            shared = [fit[0] for name, fit in fits.items() if name.startswith("shared")]
-            if contact == "lift_off" and fits[f"shared, {edge}"][0] < max(shared):
-                continue  # a ride costs much: it is compared with the likelier entry alone
-            space = fault_space(replace(fault, contact=contact, edge=edge), FREE[contact])
-            comparisons = [
-                comparison_of_fault(
-                    calibration, [used[index] for index in group], space.reference, healthy, band
-                )
-                for group in points
-            ]
-            inversion = invert(calibration, comparisons, space, healthy, settings)
-            starts = starts or _starts(inversion)
-            missing = np.zeros(
-                max(0, len(inversion.lower) - len(starts[0]))
-            )  # as stated; or there are too many
-            minima, misfit = inversion.search(
-                [np.concatenate([start, missing])[: len(inversion.lower)] for start in starts]
-            )
-            starts = [minima[0].point]
-            fits[f"{contact}, {edge}"] = _fit(inversion, minima[0], misfit)
-    likeliest, best, estimates, misfit = max(fits.values(), key=lambda fit: fit[0])
+        fits, comparisons = _fit_laws(calibration, groups, fault, healthy)
+
+    best = max(fits.values(), key=lambda fit: fit.log_evidence)
     return FaultLaw(
-        fault=best,
-        estimates=(*estimates, _floor(comparisons, healthy)),
-        evidence={name: fit[0] - likeliest for name, fit in fits.items()},
-        misfit=misfit,
-        recording_ids=tuple(item.recording_id for item in used),
+        fault=best.fault,
+        estimates=(*best.estimates, _estimate_noise_factor(comparisons, healthy)),
+        evidence={name: fit.log_evidence - best.log_evidence for name, fit in fits.items()},
+        misfit=best.misfit,
+        recording_ids=tuple(recording.recording_id for recording in used),
     )
 
 
-def _starts(inversion: Inversion) -> list[np.ndarray]:
-    """The recess as stated, with a corner in the middle of its prior and a deviation to both
-    sides.
+def _select_recordings(
+    calibration: Calibration, recordings: Iterable[Recording], fault: SwashPlateDefect
+) -> list[Recording]:
+    """Return the recordings of the recess that specify their operating point."""
+    assigned, _ = assign_single_channels(recordings, calibration.nominal.pump)
+    used = [
+        recording
+        for recording in assigned
+        if recording.condition is not None and is_same_class(recording.label, fault.label)
+    ]
+    if not used:
+        raise DataError(
+            f"No recording of {fault.label} specifies its operating point, so its law cannot be "
+            "identified. Add speed and pressure to the index."
+        )
+    return used
+
+
+def _fit_laws(
+    calibration: Calibration,
+    groups: Sequence[Sequence[Recording]],
+    fault: SwashPlateDefect,
+    healthy: Sequence[Recording],
+) -> tuple[dict[str, _LawFit], list[Comparison]]:
+    """Return the fit of each law, by contact and edge, and the comparisons of the last one."""
+    fits: dict[str, _LawFit] = {}
+    starts: list[np.ndarray] = []
+    laws: list[tuple[Contact, Edge]] = [("shared", edge) for edge in EDGES]
+
+    while laws:
+        contact, edge = laws.pop(0)
+        space = build_fault_space(
+            replace(fault, contact=contact, edge=edge), FREE_DIMENSIONS[contact]
+        )
+        band = tuple(calibration.settings["band"])
+        comparisons = [
+            build_fault_comparison(calibration, group, space.reference, healthy, band)
+            for group in groups
+        ]
+        inversion = build_inversion(calibration, comparisons, space, healthy, SeveritySettings())
+
+        # each law starts where the previous one ended; further dimensions start as specified
+        n_coordinates = len(inversion.lower)
+        starts = starts or _corner_starts(inversion)
+        missing = np.zeros(max(0, n_coordinates - len(starts[0])))
+        minima, misfit = inversion.find_minima(
+            [np.concatenate([start, missing])[:n_coordinates] for start in starts]
+        )
+        starts = [minima[0].point]
+        fits[f"{contact}, {edge}"] = _evaluate_law(inversion, minima[0], misfit)
+
+        if len(fits) == len(EDGES):
+            # lifting off costs much to simulate: it is compared with the likelier entry alone
+            best_evidence = max(fit.log_evidence for fit in fits.values())
+            laws = [
+                ("lift_off", edge)
+                for edge in EDGES
+                if fits[f"shared, {edge}"].log_evidence == best_evidence
+            ]
+    return fits, comparisons
+
+
+def _corner_starts(inversion: Inversion) -> list[np.ndarray]:
+    """Return the recess as specified, with a corner in the middle of its prior and one deviation to
+    both sides.
     """
     center = np.concatenate([inversion.prior.center, inversion.space.start])
     corner = np.eye(len(center))[inversion.severity + 1]
     return [center, center - corner, center + corner]
 
 
-def _fit(
-    inversion: Inversion, minimum: Minimum, misfit: float
-) -> tuple[float, SwashPlateDefect, tuple[Estimate, ...], float]:
-    """(ln evidence but for what all laws share, the recess, its estimates, the misfit) of one law.
+def _evaluate_law(inversion: Inversion, minimum: Minimum, misfit: float) -> _LawFit:
+    """Return how one law fits.
 
     The evidence is Laplace's: of the sum of squares, of the noise's covariance, and of how far each
     unknown is narrowed.
     """
-    first, space = inversion.severity, inversion.space
-    widths = np.array([1.0, *(dimension.deviation for dimension in space.free[1:])])
-    covariance, _ = inversion.deviations(minimum.point)
-    _, slope = inversion.at(minimum.point)
-    scaled = slope * np.concatenate([np.ones(first), widths])
-    determinants = (
+    severity = inversion.severity
+    space = inversion.space
+    covariance, _ = inversion.covariance_at(minimum.point)
+    _, slope = inversion.residuals_at(minimum.point)
+
+    prior_stds = [dimension.prior_std for dimension in space.free[1:]]
+    scaled = slope * np.concatenate([np.ones(severity + 1), prior_stds])
+    log_determinants = (
         2 * np.log(np.diag(inversion.root)).sum() + np.linalg.slogdet(scaled.T @ scaled)[1]
     )
-    coordinates = minimum.point[first:].copy()
-    coordinates[0] = max(
-        coordinates[0], math.exp(-4 * DEPTH_PRIOR)
-    )  # no recess at all is one at the bound
-    fault = space.at(coordinates)
+
+    coordinates = minimum.point[severity:].copy()
+    # a search that finds no recess ends at the bound of the depth, as ln depth must be finite
+    min_depth = math.exp(-PRIOR_BOUND_STDS * DEPTH_PRIOR_STD)
+    coordinates[0] = max(coordinates[0], min_depth)
+    fault = space.fault_at(coordinates)
     assert isinstance(fault, SwashPlateDefect)
-    std = np.sqrt(np.diag(covariance))[first:]
+
+    std = np.sqrt(np.diag(covariance))[severity:]
     std[0] /= coordinates[0]
-    estimates = []
-    for dimension, deviation in zip(space.free, std.tolist(), strict=True):
-        typical, prior = (
-            getattr(space.reference, dimension.name),
-            min(dimension.deviation, DEPTH_PRIOR),
+    estimates = [
+        _build_law_estimate(
+            dimension.name,
+            fault.units.get(dimension.name, ""),
+            nominal=getattr(space.reference, dimension.name),
+            value=getattr(fault, dimension.name),
+            std=deviation,
+            prior_std=min(dimension.prior_std, DEPTH_PRIOR_STD),
+            in_doubt=misfit > MAX_MISFIT,
         )
-        estimates.append(
-            _estimate(
-                dimension.name,
-                fault.units.get(dimension.name, ""),
-                typical,
-                getattr(fault, dimension.name),
-                deviation,
-                prior,
-                misfit,
-            )
-        )
-    return -0.5 * float(minimum.height + determinants), fault, tuple(estimates), misfit
+        for dimension, deviation in zip(space.free, std.tolist(), strict=True)
+    ]
+    log_evidence = -0.5 * float(minimum.height + log_determinants)
+    return _LawFit(log_evidence, fault, tuple(estimates), misfit)
 
 
-def _estimate(
+def _build_law_estimate(
     name: str,
     unit: str,
-    typical: float,
+    *,
+    nominal: float,
     value: float,
     std: float,
-    prior: float,
-    misfit: float = 0.0,
+    prior_std: float,
+    in_doubt: bool = False,
 ) -> Estimate:
-    """Estimate of an unknown of the law, in SI; the search reaches four deviations of its prior to
-    both sides.
-    """
-    return estimated(
+    """Return the estimate of an unknown of the law, in SI."""
+    reach = PRIOR_BOUND_STDS * prior_std
+    return build_estimate(
         f"law.{name}",
         name,
         unit,
-        nominal=typical,
+        nominal=nominal,
         value=value,
-        log_std=min(std, prior),
-        prior_std=prior,
-        bounds=(typical * math.exp(-4 * prior), typical * math.exp(4 * prior)),
-        in_doubt=misfit > MISFIT,
+        log_std=min(std, prior_std),
+        prior_std=prior_std,
+        bounds=(nominal * math.exp(-reach), nominal * math.exp(reach)),
+        in_doubt=in_doubt,
     )
 
 
-def _floor(comparisons: Sequence[Comparison], healthy: Sequence[Recording]) -> Estimate:
-    """By what factor the noise between the lines is above that of healthy recordings at the same
-    conditions.
+def _estimate_noise_factor(
+    comparisons: Sequence[Comparison], healthy: Sequence[Recording]
+) -> Estimate:
+    """Return the factor of the noise between the lines over that of healthy recordings at the same
+    operating points.
     """
-    rises, variances = [], []
+    rises = []
+    variances = []
     for comparison in comparisons:
-        faulty, twin = comparison.measurement.recordings, comparison.twin
-        same = [
-            item
-            for item in healthy
-            if item.condition is not None and item.condition.matches(twin.condition)
+        twin = comparison.twin
+        peers = [
+            recording
+            for recording in healthy
+            if recording.condition is not None and recording.condition.matches(twin.condition)
         ]
-        sides = [[_noise(twin, item) for item in side] for side in (faulty, same)]
-        if same:
-            rises.append(float(np.mean(sides[0]) - np.mean(sides[1])))
-            variances += [max(float(np.var(side)), REASSEMBLY**2) / len(side) for side in sides]
-    if not rises:
-        return _estimate("floor", "", 1.0, 1.0, FLOOR_PRIOR, FLOOR_PRIOR)
-    std = math.sqrt(sum(variances)) / len(rises)
-    return _estimate("floor", "", 1.0, math.exp(float(np.mean(rises))), std, FLOOR_PRIOR)
+        if not peers:
+            continue
+        faulty_noise = [
+            _log_noise(twin, recording) for recording in comparison.measurement.recordings
+        ]
+        healthy_noise = [_log_noise(twin, recording) for recording in peers]
+        rises.append(float(np.mean(faulty_noise) - np.mean(healthy_noise)))
+        for noise in (faulty_noise, healthy_noise):
+            variances.append(max(float(np.var(noise)), MIN_NOISE_SCATTER**2) / len(noise))
+
+    factor = 1.0
+    std = NOISE_PRIOR_STD
+    if rises:
+        factor = math.exp(float(np.mean(rises)))
+        std = math.sqrt(sum(variances)) / len(rises)
+    return _build_law_estimate(
+        NOISE_SYMBOL, "", nominal=1.0, value=factor, std=std, prior_std=NOISE_PRIOR_STD
+    )
 
 
-def _noise(twin: Twin, recording: Recording) -> float:
-    """Mean logarithm of the amplitude between the piston-pass lines, over all channels."""
-    frequency, power = power_density(recording.signal, recording.sample_rate, _SEGMENT)
-    passing = twin.pump.rotating_group.piston_count * twin.condition.shaft_frequency
-    away = np.abs(frequency - passing * np.round(frequency / passing))
-    clear = (
-        (away > _CLEAR * frequency[1])
-        & (frequency > passing / 2)
+def _log_noise(twin: Twin, recording: Recording) -> float:
+    """Return the mean logarithm of the amplitude between the piston-pass lines, over all
+    channels.
+    """
+    frequency, power = power_density(recording.signal, recording.sample_rate, _SEGMENT_SAMPLES)
+    spacing = twin.pump.rotating_group.piston_count * twin.condition.shaft_frequency
+    distance = np.abs(frequency - spacing * np.round(frequency / spacing))
+    is_noise = (
+        (distance > _LINE_CLEARANCE * frequency[1])
+        & (frequency > spacing / 2)
         & (frequency < recording.sample_rate / 2.56)
     )
-    return float(np.log(power[:, clear]).mean() / 2)
+    return float(np.log(power[:, is_noise]).mean() / 2)

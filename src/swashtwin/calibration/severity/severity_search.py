@@ -15,31 +15,31 @@ from swashtwin.calibration.measurement import (
     Measurement,
     assign_single_channels,
     measure,
-    select_agreeing,
+    select_matching_recordings,
 )
-from swashtwin.calibration.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
+from swashtwin.calibration.posterior import IDENTIFIED_STD, NORMAL_QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.recording_checks import require_one_machine
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import (
     Dimension,
     FaultSpace,
-    fault_space,
+    build_fault_space,
     get_severity_search,
 )
 from swashtwin.calibration.severity.inversion import Ends, Inversion, Minimum, Prior
 from swashtwin.calibration.severity.profile_likelihood import THRESHOLD
-from swashtwin.calibration.severity.severity import (
+from swashtwin.calibration.severity.severity_result import (
     DimensionEstimate,
     Severity,
     SeveritySettings,
     SeverityTrend,
     SeverityVerdict,
-    either_law,
-    recording_notes,
-    severity_notes,
+    combine_laws,
+    describe_recording,
+    describe_trend,
 )
 from swashtwin.calibration.spectrum_objective import FLOOR, Comparison, Objective
-from swashtwin.calibration.unknowns import VALUES
+from swashtwin.calibration.unknowns import VALUE_SLICE
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, film_factors
 from swashtwin.pump import (
@@ -52,14 +52,18 @@ from swashtwin.pump import (
 )
 from swashtwin.recordings import Recording
 
-TRADED = 0.7
-"""Correlation above which another coordinate is named beside the severity."""
+MIN_CORRELATION = 0.7
+"""Correlation above which another coordinate is named with the severity."""
 UNIDENTIFIED_STD = 1.0
-"""Standard deviation of the logarithm above which a severity that is not zero is not known: 90 %
-within a factor of 5 to both sides.
+"""Standard deviation of the logarithm above which a severity that is not zero is not identified:
+90 % within a factor of 5 to both sides.
 """
 FIXED_STD = 1e-4
 """Standard deviation of a logarithm that is not searched."""
+_BOUND_STDS = 3.99
+"""Distance from its prior mean, in standard deviations, at which a further dimension lies on its
+bound of 4.
+"""
 
 
 def estimate_severity(
@@ -71,394 +75,434 @@ def estimate_severity(
     free: Sequence[str] | None = None,
     settings: SeveritySettings | None = None,
 ) -> SeverityTrend:
-    """How severe `fault` is in each recording of one pump: value, interval, verdict, detection
-    limit.
+    """Return how severe `fault` is in each recording of one pump: value, interval, verdict,
+    detection limit.
 
-    Each recording is inverted on its own, whatever its condition: searched are the fault's severity
-    and further dimensions together with the six interface values and the constants that the healthy
-    calibration had searched, whose posterior is the prior here, carried over to the recording's oil
-    and pressure (`film_factors`, the pistons' film with half the viscosity's power) and widened by
-    `SeveritySettings.drift`. Minimized is the sum of squares of measured minus simulated lines,
-    weighed by noise and by what twins lack; the severity's interval is where the least sum over all
-    else rises by 2.71 (profile likelihood), around all minima that lie so low.
+    Each recording is inverted separately, whatever its operating point: the fault's severity and
+    further dimensions are searched together with the six interface values and the constants that
+    the healthy calibration searched, whose posterior is the prior here, converted to the
+    recording's oil and pressure (`film_factors`, the pistons' film with half the viscosity's power)
+    and widened by `SeveritySettings.drift`. The search minimizes the sum of squares of measured
+    minus simulated lines, weighted by noise and by what twins lack; the severity's interval ends
+    where the minimum sum over all other coordinates rises by 2.71 (profile likelihood), around all
+    minima that lie so low.
 
-    A recess that is deeper than films reach (`with_fitting_contact`), as stated or as found, is
-    searched under both laws of contact (`either_law`); one that states no corner, under the law
-    that the calibration identified, if it did (`Calibration.law`). Of a calibration in doubt
+    A recess that is deeper than films reach (`with_fitting_contact`), as specified or as estimated,
+    is searched under both laws of contact (`combine_laws`); one that specifies no corner, under the
+    law that the calibration identified, if it did (`Calibration.law`). With a calibration in doubt
     (`Calibration.is_in_doubt`) nothing is called identified.
 
-    Phases of the lines are compared where the calibration compared them. Which piston or which bore
-    is damaged only turns all lines together and cannot be found; a swash plate defect's angle
+    Phases of the lines are compared if the calibration compared them. Which piston or which bore is
+    damaged only turns all lines together and cannot be determined; a swash plate defect's angle
     repeats after a piston's share of a turn; a width above a slipper's diameter does not act at
     all.
 
     Parameters
     ----------
     calibration : of this pump on its healthy recordings.
-    recordings : of this pump, labelled as the fault (also in words that `propose_class` knows), as
-        normal, or not at all; others are left out.
-    fault : its kind, with typical dimensions: the search starts there, and those not free stay as
-        they are.
+    recordings : of this pump, labeled as the fault (also in words that `propose_class` knows), as
+        normal, or not at all; others are excluded.
+    fault : its kind, with typical dimensions: the search starts there, and those not free are
+        fixed.
     healthy : healthy recordings of this pump, for the part of its lines that the twin does not
         model, such as the scatter of its pistons. Without them this part is attributed to the
         fault.
-    free : further dimensions to search, such as ``("length",)``; the usual ones by default, none
-        with ``()``.
+    free : further dimensions to search, such as ``("length",)``; ``()`` for none. The default is
+        `SeveritySearch.default_free`.
 
     Raises
     ------
     DataError
-        No recording can be looked at; recordings of several machines.
+        No recording can be used; recordings of several machines.
     InputError
         A calibration of faulty recordings, or an impossible dimension.
     """
-    settings, candidates, healthy_recordings = (
-        settings or SeveritySettings(),
-        list(recordings),
-        list(healthy),
-    )
-    space = fault_space(fault, free)
+    settings = settings or SeveritySettings()
+    candidates = list(recordings)
+    healthy_recordings = list(healthy)
+
+    space = build_fault_space(fault, free)
     if calibration.law is not None:
-        space = calibration.law.space(space)
+        space = calibration.law.apply_to_space(space)
     if calibration.twin.fault is not None:
         raise InputError(
-            f"the known pump is calibrated with a fault ({calibration.twin.label}); calibrate on its healthy "
-            "recordings, so that the fault's share stays to be found: swashtwin calibrate --fault normal."
+            f"The pump was calibrated with a fault ({calibration.twin.label}): calibrate it on its "
+            "healthy recordings, so that the fault's effect remains to be estimated.",
+            remedy="Calibrate with {fault='normal'}.",
         )
     require_one_machine([*candidates, *healthy_recordings], "a severity")
-    candidates, _ = assign_single_channels(candidates, calibration.nominal.pump)
-    healthy_recordings, _ = assign_single_channels(healthy_recordings, calibration.nominal.pump)
-    used, excluded_recordings = _chosen(candidates, fault)
+
+    pump = calibration.nominal.pump
+    candidates, _ = assign_single_channels(candidates, pump)
+    healthy_recordings, _ = assign_single_channels(healthy_recordings, pump)
+    used, excluded = _select_recordings(candidates, fault)
     with one_thread():
         estimates = tuple(
-            _of_recording(calibration, recording, space, healthy_recordings, settings)
+            _estimate_recording(calibration, recording, space, healthy_recordings, settings)
             for recording in used
         )
+
     return SeverityTrend(
         reference=fault,
         estimates=estimates,
-        excluded_recordings=excluded_recordings,
-        notes=tuple(severity_notes(calibration, space, estimates, healthy_recordings, settings)),
+        excluded_recordings=excluded,
+        notes=tuple(describe_trend(calibration, space, estimates, healthy_recordings, settings)),
         settings={**asdict(settings), "free": [dimension.name for dimension in space.free]},
         version=VERSION,
     )
 
 
-def _chosen(
+def _select_recordings(
     recordings: Sequence[Recording], fault: Fault
 ) -> tuple[list[Recording], tuple[tuple[str, str], ...]]:
-    """Recordings that may show the fault: of its class, also in other words, healthy or of none;
-    and why not others.
+    """Return the recordings that may show the fault, and the ids of the others with the reason.
+
+    Those of its class, also in other words, healthy ones and those without a label may show it.
     """
-    used, excluded_recordings = [], []
+    used, excluded = [], []
     for recording in recordings:
         label = recording.label
-        if recording.condition is None:
-            excluded_recordings.append(
-                (recording.recording_id, "it lacks speed or pressure; add them to the index")
-            )
-        elif (
+        may_show_fault = (
             label in (None, fault.label)
             or is_healthy(label)
             or propose_class(str(label)) == fault.label
-        ):
+        )
+        if recording.condition is None:
+            reason = "it lacks speed or pressure; add them to the index"
+            excluded.append((recording.recording_id, reason))
+        elif may_show_fault:
             used.append(recording)
         else:
-            excluded_recordings.append(
-                (
-                    recording.recording_id,
-                    f"the recording's label is {label}, the fault's {fault.label}",
-                )
-            )
+            reason = f"the recording's label is {label}, the fault's {fault.label}"
+            excluded.append((recording.recording_id, reason))
+
     if not used:
-        reasons = (
-            "; ".join(f"{name}: {reason}" for name, reason in excluded_recordings[:3])
-            or "none was given"
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in excluded[:3])
+        raise DataError(
+            f"No recording to estimate a severity of ({reasons or 'there are no recordings'})."
         )
-        raise DataError(f"no recording to estimate a severity of ({reasons}).")
-    return used, tuple(excluded_recordings)
+    return used, tuple(excluded)
 
 
-def _of_recording(
+def _estimate_recording(
     calibration: Calibration,
     recording: Recording,
     space: FaultSpace,
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Severity:
-    """Severity under the stated law; where a recess is deeper than films reach, also with slippers
-    that lift off, but where the calibration found a law of its own.
+    """Return the severity under the specified law; for a recess deeper than films reach, also with
+    slippers that lift off, unless the calibration identified a law.
     """
-    shared = _under_one_law(calibration, recording, space, healthy, settings)
+    shared = _estimate_under_law(calibration, recording, space, healthy, settings)
+    severity = shared[0]
     fault = space.reference
     if (
         not isinstance(fault, SwashPlateDefect)
         or fault.contact != "shared"
         or calibration.law is not None
     ):
-        return shared[0]
-    deepest = replace(fault, depth=max(fault.depth, shared[0].severity.value))
+        return severity
+
+    deepest = replace(fault, depth=max(fault.depth, severity.severity.value))
     if deepest.with_fitting_contact() == deepest:
-        return shared[0]
-    lifting = replace(space, reference=replace(fault, contact="lift_off"))
-    return either_law(shared, _under_one_law(calibration, recording, lifting, healthy, settings))
+        return severity
+
+    lifting_space = replace(space, reference=replace(fault, contact="lift_off"))
+    lifting = _estimate_under_law(calibration, recording, lifting_space, healthy, settings)
+    return combine_laws(shared, lifting)
 
 
-def _under_one_law(
+def _estimate_under_law(
     calibration: Calibration,
     recording: Recording,
     space: FaultSpace,
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> tuple[Severity, float]:
-    """(severity under the law of the space's fault, -2 ln likelihood of the lines but for what laws
-    share).
+    """Return the severity under the law of the space's fault, and -2 ln likelihood of the lines
+    without the terms that laws share.
     """
     started = time.perf_counter()
-    comparison = comparison_of_fault(
+    comparison = build_fault_comparison(
         calibration, [recording], space.reference, healthy, settings.band
     )
-    inversion = invert(calibration, [comparison], space, healthy, settings)
-    minima, misfit = inversion.search()
-    minima, ends = inversion.profiled(minima)
-    point, height = minima[0].point, minima[0].height
-    loss = height + 2 * float(np.log(np.diag(inversion.root)).sum())
+    inversion = build_inversion(calibration, [comparison], space, healthy, settings)
+    minima, misfit = inversion.find_minima()
+    minima, ends = inversion.profile_severity(minima)
+    point = minima[0].point
+    loss = minima[0].height + 2 * float(np.log(np.diag(inversion.root)).sum())
+
     without_fault = point.copy()
     without_fault[inversion.severity] = 0.0
     without_fault, height_without = inversion.descend(without_fault, fixed=inversion.severity)
-    covariance, deviation = inversion.deviations(point)
-    evidence = max(0.0, height_without - height)
-    is_there = evidence > inversion.threshold
-    further = _further(inversion, minima, is_there=is_there)
-    inversion.weigh(without_fault)
+    evidence = max(0.0, height_without - minima[0].height)
+    is_detected = evidence > inversion.threshold
+
+    covariance, deviation = inversion.covariance_at(point)
+    further = _estimate_further_dimensions(inversion, minima, is_detected=is_detected)
+
+    # from here on, the lines are weighted as for a pump without the fault
+    inversion.update_weights(without_fault)
     inversion.root = inversion.root * max(misfit, 1.0)
     limit = inversion.detection_limit(without_fault)
-    if not is_there:  # a fault up to the detection limit could have been missed
-        ends = None, ends[1] if ends[1] is None or limit is None else max(ends[1], limit)
-    dimensions = (_severity(inversion, point, ends, is_there=is_there), *further)
+    if not is_detected:
+        # a fault up to the detection limit could have been missed
+        upper = ends[1]
+        if upper is not None and limit is not None:
+            upper = max(upper, limit)
+        ends = (None, upper)
+
+    dimensions = [_estimate_severity(inversion, point, ends, is_detected=is_detected), *further]
     if calibration.is_in_doubt:
-        dimensions = tuple(
-            replace(item, verdict="weak") if item.verdict == "identified" else item
-            for item in dimensions
-        )
-    assert recording.condition is not None  # `_chosen` lets none pass
-    relative = float(point[inversion.severity])
+        dimensions = [_doubt(estimate) for estimate in dimensions]
+
+    assert recording.condition is not None  # `_select_recordings` excludes those without
+    relative_severity = float(point[inversion.severity])
     severity = Severity(
         recording_id=recording.recording_id,
         condition=recording.condition,
-        fault=space.at(point[inversion.severity :]),
-        dimensions=dimensions,
+        fault=space.fault_at(point[inversion.severity :]),
+        dimensions=tuple(dimensions),
         evidence=evidence,
         threshold=inversion.threshold,
         detection_limit=None if limit is None else limit * space.reference.severity,
-        repeatability=deviation / relative if relative > 0 else math.inf,
-        correlated_with=_traded(covariance, inversion),
+        repeatability=deviation / relative_severity if relative_severity > 0 else math.inf,
+        correlated_with=_find_correlated(covariance, inversion),
         misfit=misfit,
         simulations=inversion.simulations,
         wall_s=time.perf_counter() - started,
         notes=(
-            *inversion.objective.comparisons[0].measurement.notes,
-            *recording_notes(calibration, recording, misfit),
+            *comparison.measurement.notes,
+            *describe_recording(calibration, recording, misfit),
         ),
     )
     return severity, loss
 
 
-def comparison_of_fault(
+def _doubt(estimate: DimensionEstimate) -> DimensionEstimate:
+    """Return the estimate, weak at best."""
+    return replace(estimate, verdict="weak") if estimate.verdict == "identified" else estimate
+
+
+def build_fault_comparison(
     calibration: Calibration,
     recordings: Sequence[Recording],
     fault: Fault,
     healthy: Sequence[Recording],
     band: tuple[float, float],
 ) -> Comparison:
-    """The calibrated pump's twin with `fault` beside recordings at one condition, over the lines of
-    `band` [Hz].
+    """Return the comparison of the calibrated pump's twin with `fault` and recordings at one
+    operating point, over the lines of `band` [Hz].
     """
     condition = recordings[0].condition
     assert condition is not None
     twin = replace(calibration.nominal.at(condition), fault=fault, path=None)
-    between = (
-        twin.orders[twin.orders > 1] % twin.pump.rotating_group.piston_count
-    )  # the first order is unbalance
-    lines: Lines = "shaft" if between.any() else "piston"
+
+    # lines between the piston-pass lines, but for the first order, which is unbalance
+    piston_count = twin.pump.rotating_group.piston_count
+    has_shaft_lines = (twin.orders[twin.orders > 1] % piston_count).any()
+    lines: Lines = "shaft" if has_shaft_lines else "piston"
+
     phases = bool(calibration.settings.get("phases"))
     labeled = [recording.replace(label=twin.label) for recording in recordings]
     measurement = measure(twin, labeled, band, lines=lines, phases=phases)
-    limited = replace(
-        twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency
-    )
-    floor = _floor(limited, measurement, healthy, lines)
-    calibrated, channels = calibration.posterior.channels, measurement.channels
-    if channels != calibrated:
+    if measurement.channels != calibration.posterior.channels:
         raise DataError(
-            f"the recording has the channels {', '.join(channels)}, the calibration {', '.join(calibrated)}; take "
-            "the same from both (channels = [...] in the index)."
+            f"The recording has the channels {', '.join(measurement.channels)}, but the "
+            f"calibration has {', '.join(calibration.posterior.channels)}. Select the same "
+            "channels of both (channels = [...] in the index)."
         )
-    return Comparison(limited, measurement, floor)
+
+    bandwidth = (float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency
+    limited = replace(twin, bandwidth=bandwidth)
+    return Comparison(limited, measurement, _line_floor(limited, measurement, healthy, lines))
 
 
-def invert(
+def build_inversion(
     calibration: Calibration,
     comparisons: Sequence[Comparison],
     space: FaultSpace,
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Inversion:
-    """The problem of finding a fault of `space` from all `comparisons` at once, with what the
-    calibration knows.
+    """Return the problem of estimating a fault of `space` from all `comparisons` at once, with what
+    the calibration knows.
     """
     unknowns = calibration.posterior.unknowns
+    center = calibration.posterior.point.copy()
+    covariance = calibration.posterior.covariance.copy()
+
+    # convert the values to the oil and pressure of the recording; half of the change is uncertain
+    pump = calibration.twin.pump
+    condition = comparisons[0].twin.condition
+    calibrated_condition = _nearest_calibrated_condition(calibration, condition, healthy)
+    factors = film_factors(pump, calibrated_condition, condition, bore_exponent=0.5)
+    shift = np.log(factors.values())
+    center[VALUE_SLICE] += shift
+    uncertain_shift = shift / 2
+
+    # the pistons' film may follow the viscosity not at all or fully: half of its change either way
+    calibrated_viscosity = pump.oil.viscosity_at(calibrated_condition.oil_temperature)
+    viscosity = pump.oil.viscosity_at(condition.oil_temperature)
+    uncertain_shift[InterfaceValue.PISTON_BORE_DAMPING] = 0.5 * abs(
+        math.log(calibrated_viscosity / viscosity)
+    )
     drift = np.zeros((len(unknowns), len(unknowns)))
-    center, covariance = calibration.posterior.point.copy(), calibration.posterior.covariance.copy()
-    pump, condition = calibration.twin.pump, comparisons[0].twin.condition
-    here = _calibrated_at(calibration, condition, healthy)
-    shift = np.log(film_factors(pump, here, condition, bore_exponent=0.5).values())
-    center[VALUES] += shift
-    uncertain = shift / 2
-    bore = InterfaceValue.PISTON_BORE_DAMPING  # between no film and all film
-    viscosities = [pump.oil.viscosity_at(point.oil_temperature) for point in (here, condition)]
-    uncertain[bore] = 0.5 * abs(math.log(viscosities[0] / viscosities[1]))
-    drift[VALUES, VALUES] = np.diag(settings.drift**2 + uncertain**2)
-    if "excitation" in unknowns.scales:  # healthy recordings do not show it; `law` counts it
-        index = unknowns.index_of_scale("excitation")
-        covariance[index], covariance[:, index] = 0.0, 0.0
+    drift[VALUE_SLICE, VALUE_SLICE] = np.diag(settings.drift**2 + uncertain_shift**2)
+
+    if "excitation" in unknowns.scales:
+        # healthy recordings do not show the excitation's scale; `law_std` counts its error
+        index = unknowns.scale_index("excitation")
+        covariance[index] = 0.0
+        covariance[:, index] = 0.0
         covariance[index, index] = FIXED_STD**2
+
     prior = Prior(center, covariance + drift, drift)
     return Inversion(Objective(tuple(comparisons), unknowns), space, prior, settings.port_timing)
 
 
-def _floor(
+def _line_floor(
     twin: Twin, measurement: Measurement, healthy: Sequence[Recording], lines: Lines
 ) -> Float[np.ndarray, "channel order"] | float:
-    """Least deviation of each line [m/s^2]: what a healthy pump shows where its twin is silent, at
-    unknown phases.
+    """Return the minimum deviation of each line [m/s^2]: for lines that the healthy twin does not
+    have, what a healthy pump shows there, at unknown phases.
     """
     healthy_twin = twin.with_fault(None)
-    silent = ~np.isin(measurement.orders, healthy_twin.orders)
-    if not silent.any() or not any(is_healthy(recording.label) for recording in healthy):
+    is_silent = ~np.isin(measurement.orders, healthy_twin.orders)
+    if not is_silent.any() or not any(is_healthy(recording.label) for recording in healthy):
         return FLOOR
     try:
-        similar, _ = select_agreeing(healthy_twin, healthy)
+        similar, _ = select_matching_recordings(healthy_twin, healthy)
     except DataError:
         return FLOOR
-    healthy_lines = measure(
-        twin,
-        [
-            recording.select_channels(measurement.channels).replace(label=twin.label)
-            for recording in similar
-        ],
-        measurement.band,
-        lines,
-    )
-    level = np.sqrt(np.mean(healthy_lines.amplitude[:, silent] ** 2, axis=1, keepdims=True))
-    return np.where(silent, np.hypot(np.maximum(level, FLOOR / 10), healthy_lines.amplitude), FLOOR)
+
+    labeled = [
+        recording.select_channels(measurement.channels).replace(label=twin.label)
+        for recording in similar
+    ]
+    amplitude = measure(twin, labeled, measurement.band, lines).amplitude
+    level = np.sqrt(np.mean(amplitude[:, is_silent] ** 2, axis=1, keepdims=True))
+    return np.where(is_silent, np.hypot(np.maximum(level, FLOOR / 10), amplitude), FLOOR)
 
 
-def _calibrated_at(
+def _nearest_calibrated_condition(
     calibration: Calibration, condition: OperatingCondition, healthy: Sequence[Recording]
 ) -> OperatingCondition:
-    """The calibrated condition nearest in pressure, with the mean oil temperature of the healthy
-    recordings.
+    """Return the calibrated operating point nearest in pressure, with the mean oil temperature of
+    the healthy recordings.
     """
-    nearest = min(
-        (fit.condition for fit in calibration.fits),
-        key=lambda recording: abs(
-            math.log(recording.discharge_pressure / condition.discharge_pressure)
-        ),
-    )
+
+    def pressure_distance(calibrated: OperatingCondition) -> float:
+        return abs(math.log(calibrated.discharge_pressure / condition.discharge_pressure))
+
+    nearest = min((fit.condition for fit in calibration.fits), key=pressure_distance)
     temperatures = [
         recording.condition.oil_temperature
         for recording in healthy
         if recording.condition is not None and recording.recording_id in calibration.recording_ids
     ]
-    return (
-        nearest.replace(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
-    )
+    if not temperatures:
+        return nearest
+    return nearest.replace(oil_temperature=float(np.mean(temperatures)))
 
 
-def _severity(
-    inversion: Inversion, point: np.ndarray, ends: Ends, *, is_there: bool
+def _estimate_severity(
+    inversion: Inversion, point: np.ndarray, ends: Ends, *, is_detected: bool
 ) -> DimensionEstimate:
-    """The severity with the interval of its profiles, widened by the error of the fault's law."""
-    space, (below, above) = inversion.space, ends
-    law = get_severity_search(space.reference).law
-    relative, typical = float(point[inversion.severity]), space.reference.severity
-    most = float(inversion.upper[inversion.severity])
-    low, high = (below or 0.0) if is_there else 0.0, most if above is None else above
-    log_std = math.log(high / low) / (2 * QUANTILE) if low > 0 else math.inf
-    verdict: SeverityVerdict = "not identified"
-    if log_std <= UNIDENTIFIED_STD:
-        verdict = "identified" if log_std <= IDENTIFIED_STD else "weak"
+    """Return the severity with the interval of its profiles, widened by the error of the fault's
+    law.
+    """
+    space = inversion.space
+    below, above = ends
+    law_width = NORMAL_QUANTILE * get_severity_search(space.reference).law_std
+    upper_bound = float(inversion.upper[inversion.severity])
+    low = (below or 0.0) if is_detected else 0.0
+    high = upper_bound if above is None else above
+    log_std = math.log(high / low) / (2 * NORMAL_QUANTILE) if low > 0 else math.inf
+
+    verdict: SeverityVerdict
     if above is None:
         verdict = "at bound"
-    elif low == 0 and not is_there:
+    elif low == 0 and not is_detected:
         verdict = "not detected"
-    middle = relative if relative > 0 else high
-    widened = (
-        middle * math.exp(-math.hypot(math.log(middle / low), QUANTILE * law)) if low > 0 else 0.0,
-        middle * math.exp(math.hypot(math.log(high / middle), QUANTILE * law)),
+    elif log_std > UNIDENTIFIED_STD:
+        verdict = "not identified"
+    else:
+        verdict = "identified" if log_std <= IDENTIFIED_STD else "weak"
+
+    relative_severity = float(point[inversion.severity])
+    middle = relative_severity if relative_severity > 0 else high
+    widened_low = 0.0
+    if low > 0:
+        widened_low = middle * math.exp(-math.hypot(math.log(middle / low), law_width))
+    widened_high = middle * math.exp(math.hypot(math.log(high / middle), law_width))
+
+    reference = space.reference.severity
+    interval = (
+        widened_low * reference,
+        min(widened_high, max(upper_bound, high)) * reference,
     )
-    interval = (widened[0] * typical, min(widened[1], max(most, high)) * typical)
-    return DimensionEstimate(space.free[0], relative * typical, interval, log_std, verdict)
+    return DimensionEstimate(
+        space.free[0], relative_severity * reference, interval, log_std, verdict
+    )
 
 
-def _further(
-    inversion: Inversion, minima: Sequence[Minimum], *, is_there: bool
+def _estimate_further_dimensions(
+    inversion: Inversion, minima: Sequence[Minimum], *, is_detected: bool
 ) -> list[DimensionEstimate]:
-    """The further dimensions with the hull of their intervals in all minima; as stated where there
-    may be no fault.
+    """Return the further dimensions with the hull of their intervals in all minima; as specified if
+    there may be no fault.
     """
-    space, estimates = inversion.space, []
-    deviations = [np.sqrt(np.diag(inversion.deviations(minimum.point)[0])) for minimum in minima]
-    for index, dimension in enumerate(space.free[1:], start=inversion.severity + 1):
-        lows, highs = [], []
-        for minimum, deviation in zip(minima, deviations, strict=True):
-            reach = (
-                math.sqrt(THRESHOLD - (minimum.height - minima[0].height))
-                * dimension.share
-                * deviation[index]
-            )
+    stds = [np.sqrt(np.diag(inversion.covariance_at(minimum.point)[0])) for minimum in minima]
+    reference = inversion.space.reference
+
+    estimates = []
+    for index, dimension in enumerate(inversion.space.free[1:], start=inversion.severity + 1):
+        lows = []
+        highs = []
+        for minimum, std in zip(minima, stds, strict=True):
+            rise = minimum.height - minima[0].height
+            reach = math.sqrt(THRESHOLD - rise) * dimension.std_factor * std[index]
             lows.append(minimum.point[index] - reach)
             highs.append(minimum.point[index] + reach)
-        typical, coordinate = (
-            getattr(space.reference, dimension.name),
-            float(minima[0].point[index]),
-        )
-        law = QUANTILE * dimension.law
-        low, high = (
-            coordinate - math.hypot(coordinate - min(lows), law), coordinate + math.hypot(max(highs) - coordinate, law)
-        )  # fmt: skip
-        if not is_there:
-            coordinate, low, high = (
-                0.0,
-                -QUANTILE * dimension.deviation,
-                QUANTILE * dimension.deviation,
-            )
-        std = float(high - low) / (2 * QUANTILE)
-        interval = (typical * math.exp(low), typical * math.exp(high))
-        verdict = _verdict(dimension, coordinate, std)
-        estimates.append(
-            DimensionEstimate(dimension, typical * math.exp(coordinate), interval, std, verdict)
-        )
+
+        if is_detected:
+            coordinate = float(minima[0].point[index])
+            law_width = NORMAL_QUANTILE * dimension.law_std
+            low = coordinate - math.hypot(coordinate - min(lows), law_width)
+            high = coordinate + math.hypot(max(highs) - coordinate, law_width)
+        else:
+            coordinate = 0.0
+            low = -NORMAL_QUANTILE * dimension.prior_std
+            high = NORMAL_QUANTILE * dimension.prior_std
+
+        log_std = float(high - low) / (2 * NORMAL_QUANTILE)
+        nominal = getattr(reference, dimension.name)
+        interval = (nominal * math.exp(low), nominal * math.exp(high))
+        verdict = _judge_dimension(dimension, coordinate, log_std)
+        value = nominal * math.exp(coordinate)
+        estimates.append(DimensionEstimate(dimension, value, interval, log_std, verdict))
     return estimates
 
 
-def _verdict(dimension: Dimension, coordinate: float, std: float) -> SeverityVerdict:
-    if abs(coordinate) > 3.99 * dimension.deviation:
+def _judge_dimension(dimension: Dimension, coordinate: float, log_std: float) -> SeverityVerdict:
+    """Return the verdict on a further dimension."""
+    if abs(coordinate) > _BOUND_STDS * dimension.prior_std:
         return "at bound"
-    if std > UNIDENTIFIED_SHARE * dimension.deviation:
+    if log_std > UNIDENTIFIED_SHARE * dimension.prior_std:
         return "not identified"
-    return "identified" if std <= IDENTIFIED_STD else "weak"
+    return "identified" if log_std <= IDENTIFIED_STD else "weak"
 
 
-def _traded(covariance: np.ndarray, inversion: Inversion) -> str | None:
-    index = inversion.severity
+def _find_correlated(covariance: np.ndarray, inversion: Inversion) -> str | None:
+    """Return the coordinate that is most correlated with the severity, if it is enough."""
+    severity = inversion.severity
     std = np.sqrt(np.diag(covariance))
-    correlation = np.abs(covariance[index] / np.maximum(std * std[index], 1e-300))
-    correlation[index] = 0.0
-    names = [
-        *inversion.objective.unknowns.names,
-        *(dimension.name for dimension in inversion.space.free),
-    ]
-    other = int(np.argmax(correlation))
-    return names[other] if correlation[other] > TRADED else None
+    correlation = np.abs(covariance[severity] / np.maximum(std * std[severity], 1e-300))
+    correlation[severity] = 0.0
+
+    dimensions = [dimension.name for dimension in inversion.space.free]
+    names = [*inversion.objective.unknowns.names, *dimensions]
+    strongest = int(np.argmax(correlation))
+    return names[strongest] if correlation[strongest] > MIN_CORRELATION else None

@@ -1,0 +1,309 @@
+"""Severity of a fault in one recording and in several, in its unit and with an interval."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from swashtwin.calibration.posterior import COVERAGE, IDENTIFIED_STD, NORMAL_QUANTILE
+from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace
+from swashtwin.foundation import InputError, deg, to_table
+from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match
+from swashtwin.recordings import Recording
+
+SeverityVerdict = Literal["identified", "weak", "not identified", "not detected", "at bound"]
+
+
+@dataclass(frozen=True)
+class SeveritySettings:
+    """How a severity is searched, and what is expected of the pump and of the model."""
+
+    band: tuple[float, float] = (0.0, 1000.0)
+    """Frequencies [Hz] whose lines are compared. A housing that bends above falsifies severities
+    more than it falsifies the six values' spectrum, so this ends below `DEFAULT_BAND`.
+    """
+    drift: float = 0.15
+    """Standard deviation by which the logarithm of each interface value may have moved since the
+    healthy calibration [an estimate of ours], on top of half of what oil and pressure are expected
+    to move it by.
+    """
+    port_timing: float = deg(0.7)
+    """Standard deviation of the shaft angle at which a port begins to open, from that of the pump
+    file [rad]; an estimate of ours, the same as in `PumpPrior.timing`. What it changes in the lines
+    is not a sign of a fault.
+    """
+
+    def __post_init__(self) -> None:
+        for name in ("drift", "port_timing"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise InputError(
+                    f"SeveritySettings.{name} ({value:g}) must be zero or a positive number."
+                )
+
+
+@dataclass(frozen=True)
+class DimensionEstimate:
+    """One dimension of a fault, and how far to trust it."""
+
+    dimension: Dimension
+    """The dimension."""
+    value: float
+    """Estimated value [SI]."""
+    interval: tuple[float, float]
+    """Range that contains it with a probability of 90 % [SI]; begins at zero if there may be no
+    fault, and ends at the greatest value that was searched if nothing limits it.
+    """
+    log_std: float
+    """Standard deviation of its logarithm that the recording and the priors leave; infinite if it
+    may be zero. The interval of a severity includes the error of the fault's law.
+    """
+    verdict: SeverityVerdict
+    """``identified``: known to a standard deviation of a quarter; ``weak``; ``not identified``:
+    hardly better known than before, or to a factor of five; ``not detected``: there may be no
+    fault; ``at bound``: beyond what was searched.
+    """
+
+    @property
+    def text(self) -> str:
+        """Value and interval in the dimension's unit."""
+        low, high = (f"{end / self.dimension.per_unit:.3g}" for end in self.interval)
+        return f"{self.dimension.format_value(self.value)} ({low} ... {high})"
+
+
+@dataclass(frozen=True, eq=False)
+class Severity:
+    """Severity of a fault in one recording."""
+
+    recording_id: str
+    """Id of the recording."""
+    condition: OperatingCondition
+    """Its operating point."""
+    fault: Fault | None
+    """The fault of the estimated dimensions; `None` if its severity is zero."""
+    dimensions: tuple[DimensionEstimate, ...]
+    """The severity, then the further dimensions searched."""
+    evidence: float
+    """How much worse the lines fit without the fault: rise of the sum of squares."""
+    threshold: float
+    """Evidence below which there may be no fault at all: noise alone exceeds it in 5 % of all
+    cases.
+    """
+    detection_limit: float | None
+    """Minimum severity [SI] that such a recording distinguishes from none with 5 % of errors of
+    either kind (Currie 1968, doi:10.1021/ac60259a007); `None` if it lies beyond the search. If a
+    fault has effects other than its severity, as a grown area has next to an advance, "none" is a
+    severity of nearly zero.
+    """
+    repeatability: float
+    """Standard deviation of the logarithm of the severity from recording to recording of this pump:
+    noise and drift of its films. What is common to all of them, such as the fault's law, is not
+    included.
+    """
+    correlated_with: str | None
+    """What else could change with the severity at almost the same lines (correlation above 0.7)."""
+    misfit: float
+    """Root mean square of the lines' differences over what was expected; above 1 the intervals are
+    widened by it.
+    """
+    simulations: int
+    """Number of twins that were simulated."""
+    wall_s: float
+    """Time taken [s]."""
+    notes: tuple[str, ...] = ()
+    """Notes that the user should read."""
+
+    @property
+    def severity(self) -> DimensionEstimate:
+        """The dimension that carries the severity."""
+        return self.dimensions[0]
+
+
+MIN_LIKELIHOOD_DIFFERENCE = 6.0
+"""Difference of -2 ln likelihood from which lines decide between two laws: one is twenty times
+likelier.
+"""
+_VERDICTS: tuple[SeverityVerdict, ...] = (
+    "identified",
+    "weak",
+    "not identified",
+    "not detected",
+    "at bound",
+)
+"""Verdicts from the most to the least certain."""
+
+
+def combine_laws(shared: tuple[Severity, float], lifting: tuple[Severity, float]) -> Severity:
+    """Return the likelier of the severities under two laws of contact; if the lines do not decide,
+    with intervals around both.
+
+    Each is a severity with its -2 ln likelihood: with strained films, and with slippers that lift
+    off.
+    """
+    laws = [(*shared, "shared"), (*lifting, "lift_off")]
+    (best, best_loss, best_name), (other, other_loss, other_name) = sorted(
+        laws, key=lambda law: law[1]
+    )
+    sizes = (
+        f"{best.severity.text} if contact={best_name}, {other.severity.text} if "
+        f"contact={other_name}"
+    )
+    if other_loss - best_loss > MIN_LIKELIHOOD_DIFFERENCE:
+        note = f"{sizes}; the lines are those of the first"
+        return replace(best, notes=(*best.notes, note))
+
+    pairs = zip(best.dimensions, other.dimensions, strict=True)
+    return replace(
+        best,
+        dimensions=tuple(_combine_estimates(first, second) for first, second in pairs),
+        notes=(*best.notes, f"{sizes}; the lines do not decide between them"),
+    )
+
+
+def _combine_estimates(first: DimensionEstimate, second: DimensionEstimate) -> DimensionEstimate:
+    """Return the first estimate with an interval around both and the less certain verdict."""
+    low = min(first.interval[0], second.interval[0])
+    high = max(first.interval[1], second.interval[1])
+    log_std = math.log(high / low) / (2 * NORMAL_QUANTILE) if low > 0 else math.inf
+
+    verdict = max(first.verdict, second.verdict, key=_VERDICTS.index)
+    if verdict == "identified" and log_std > IDENTIFIED_STD:
+        verdict = "weak"
+    return replace(first, interval=(low, high), log_std=log_std, verdict=verdict)
+
+
+_MAX_SHOWN = 3
+
+
+@dataclass(frozen=True, eq=False)
+class SeverityTrend:
+    """Severities of one pump's recordings, in the order given."""
+
+    reference: Fault
+    """The kind of fault, with the dimensions that were not searched."""
+    estimates: tuple[Severity, ...]
+    """One for each recording."""
+    excluded_recordings: tuple[tuple[str, str], ...]
+    """Id of each recording that was not used, and the reason."""
+    notes: tuple[str, ...]
+    """Notes that the user should read."""
+    settings: Mapping[str, Any]
+    """Settings, as JSON values."""
+    version: str
+    """Version of swashtwin."""
+
+    def __repr__(self) -> str:
+        severities = "; ".join(
+            f"{estimate.recording_id}: {estimate.severity.text}"
+            for estimate in self.estimates[:_MAX_SHOWN]
+        )
+        n_more = len(self.estimates) - _MAX_SHOWN
+        more = f"; {n_more} more" if n_more > 0 else ""
+        return f"<SeverityTrend of {type(self.reference).__name__}: {severities}{more}>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the trend as JSON values, in SI; a dimension with its unit and one such unit in
+        SI.
+        """
+        table = to_table(self)
+        kind = {"kind": type(self.reference).__name__}
+        table["reference"] = kind | table["reference"]
+        for row in table["estimates"]:
+            if row["fault"]:
+                row["fault"] = kind | row["fault"]
+            for entry in row["dimensions"]:
+                dimension = entry.pop("dimension")
+                for name in ("name", "unit", "per_unit"):
+                    entry[name] = dimension[name]
+        return {**table, "confidence": COVERAGE}
+
+
+MAX_BAND_RATIO = 1.5
+"""Ratio of the calibration's band to that of severities above which a note is due."""
+MAX_SEVERITY_MISFIT = 2.0
+"""Misfit above which another fault is suspected."""
+
+
+def describe_recording(
+    calibration: Calibration, recording: Recording, misfit: float
+) -> Iterator[str]:
+    """Yield notes on the severity of one recording."""
+    assert recording.condition is not None
+    pressure = recording.condition.discharge_pressure
+    calibrated = [fit.condition.discharge_pressure for fit in calibration.fits]
+    if not values_match(pressure, np.array(calibrated), PRESSURE_TOLERANCE).any():
+        pressures = ", ".join(f"{value / 1e6:.4g}" for value in calibrated)
+        yield (
+            f"recorded at {pressure / 1e6:.4g} MPa, calibrated at {pressures} MPa: the interface "
+            "values were converted"
+        )
+    if misfit > MAX_SEVERITY_MISFIT:
+        yield (
+            f"its lines miss the twin's by {misfit:.2g} times what was expected: perhaps another "
+            "fault"
+        )
+
+
+def describe_trend(
+    calibration: Calibration,
+    space: FaultSpace,
+    estimates: Sequence[Severity],
+    healthy: Sequence[Recording],
+    settings: SeveritySettings,
+) -> Iterator[str]:
+    """Yield notes on the severities of a pump."""
+    yield from _describe_calibration(calibration, settings)
+
+    partners = {estimate.correlated_with for estimate in estimates} - {None}
+    if partners:
+        yield (
+            f"The severity is correlated with {', '.join(sorted(map(str, partners)))}: it is known "
+            "no better than these. A change from recording to recording is known better "
+            "(repeatability)."
+        )
+
+    dimensions = [dimension for severity in estimates for dimension in severity.dimensions]
+    not_identified = sorted(
+        {estimate.dimension.name for estimate in dimensions if estimate.verdict == "not identified"}
+    )
+    if not_identified:
+        yield (
+            f"{', '.join(not_identified)}: not identified; the recording adds hardly anything to "
+            "the prior."
+        )
+    if "angle" in {dimension.name for dimension in space.free}:
+        yield (
+            "An angle cannot be distinguished from the angle one piston further on, and without "
+            "phases only at lines that the fault shares with the pressures."
+        )
+    if not healthy and space.reference.label != "swash_plate":
+        yield "Without healthy recordings, lines of a healthy pump are attributed to the fault."
+
+
+def _describe_calibration(calibration: Calibration, settings: SeveritySettings) -> Iterator[str]:
+    """Yield notes on what the calibration leaves uncertain in a severity."""
+    calibrated_band = calibration.settings.get("band")
+    severity_limit = settings.band[1]
+    if calibrated_band is not None and calibrated_band[1] > MAX_BAND_RATIO * severity_limit:
+        limit = f"{severity_limit / 1000:g} kHz"
+        yield (
+            f"The pump was calibrated up to {calibrated_band[1] / 1000:g} kHz, but severities are "
+            f"searched up to {limit}: a housing that bends above falsifies them. Calibrate with "
+            f'the band "0-{limit}".'
+        )
+
+    if calibration.is_in_doubt:
+        yield (
+            "The pump's calibration is in doubt (it misses lines by "
+            f"{calibration.misfit:.2g} times what was expected, or strains a bound or a prior; see "
+            "its notes), so no severity is called identified. Calibrate with the default nuisances "
+            "and phases, or correct what its notes name."
+        )
+    elif not calibration.settings.get("phases"):
+        yield (
+            "The calibration did not use the phases of the lines, so severities are less certain. "
+            "Calibrate with phases."
+        )

@@ -261,7 +261,9 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     their own.
     """
     monkeypatch.setattr("swashtwin.learning.choice.candidate_trials.MOST_WINDOWS", 120)
-    monkeypatch.setattr("swashtwin.calibration.misfit_hypotheses.find_misfit_hypotheses", lambda *_: ())
+    monkeypatch.setattr(
+        "swashtwin.calibration.misfit_hypotheses.find_misfit_hypotheses", lambda *_: ()
+    )
 
 
 @pytest.mark.nightly

@@ -308,7 +308,9 @@ def test_recordings_that_do_not_belong_are_refused_or_left_out(
         estimate_severity(calibration, [other, unknown], LONG)
     with pytest.raises(DataError, match=r"2 machines \(A, B\)"):
         estimate_severity(calibration, [healthy[0], replace(healthy[1], specimen="B")], LONG)
-    with pytest.raises(DataError, match="The recording has the channels cover_z, but the calibration"):
+    with pytest.raises(
+        DataError, match="The recording has the channels cover_z, but the calibration"
+    ):
         estimate_severity(calibration, [healthy[0].select_channels(["cover_z"])], LONG)
     with pytest.raises(InputError, match=r"calibrated with a fault \(swash_plate\)"):
         estimate_severity(

@@ -172,7 +172,14 @@ def test_the_answer_of_a_calibration_names_each_operating_point_and_what_became_
     answer = " ".join(
         summarize_calibration(
             replace(
-                calibration, fits=(replace(fit, before=calibration.nominal_agreement, after=worse),)
+                calibration,
+                fits=(
+                    replace(
+                        fit,
+                        nominal_agreement=calibration.nominal_agreement,
+                        calibrated_agreement=worse,
+                    ),
+                ),
             )
         )
     )

@@ -442,7 +442,7 @@ def _print_severity(trend: "SeverityTrend", n_healthy: int) -> None:
     for estimate in trend.estimates:
         limit = estimate.detection_limit
         further_dimensions = [
-            f"{dimension.dimension.name} {dimension.words}, {dimension.verdict}"
+            f"{dimension.dimension.name} {dimension.text}, {dimension.verdict}"
             for dimension in estimate.dimensions[1:]
         ]
         rows.append(

@@ -313,7 +313,7 @@ class RecordingViews:
 
         contrast = clearest.detected_contrast
         clarity = 1 - math.exp(-contrast)
-        return {"rpm": 60 * clearest.shown, "contrast": contrast, "clarity": clarity}
+        return {"rpm": 60 * clearest.detected, "contrast": contrast, "clarity": clarity}
 
     def comparison(self, first: Names, second: Names) -> dict[str, Any]:
         """Return the band powers that differ most between two groups of recordings.

@@ -137,10 +137,10 @@ def _describe_best_fit(trends: Mapping[str, "SeverityTrend"]) -> dict[str, Any]:
     dimension = severity.dimension
     unit_scale = dimension.per_unit
     limit = estimate.detection_limit
-    limit_text = "none" if limit is None else dimension.words(limit)
+    limit_text = "none" if limit is None else dimension.format_value(limit)
     sentence = (
         f"Severity, if {describe_class(best_kind)}: {describe_class(dimension.name)} "
-        f"{severity.words}, {severity.verdict}; detection limit {limit_text}."
+        f"{severity.text}, {severity.verdict}; detection limit {limit_text}."
     )
     notes: Sequence[str] = [
         *_compare_other_kinds(trends, other_kinds, estimate.misfit),
@@ -168,6 +168,6 @@ def _compare_other_kinds(
         (estimate,) = trends[kind].estimates
         notes.append(
             f"{describe_class(kind)} fits worse ({estimate.misfit:.2g} instead of "
-            f"{best_misfit:.2g}): {estimate.severity.words}."
+            f"{best_misfit:.2g}): {estimate.severity.text}."
         )
     return notes

@@ -1,5 +1,6 @@
-"""What is told of an alarm, and where it goes: a log, a webhook, an MQTT broker, e-mail. Each is
-bounded in time.
+"""Messages about alarms, and where they are sent: a log, a webhook, an MQTT broker, e-mail.
+
+Each attempt is bounded in time.
 """
 
 import contextlib
@@ -29,13 +30,13 @@ from swashtwin.monitoring.config.settings import (
 )
 from swashtwin.monitoring.sources.mqtt import broker_client
 
-TIMEOUT = 10.0
-"""Time for one message [s]."""
+TIMEOUT_S = 10.0
+"""Time limit for connecting, and for everything that follows, of one message."""
 
 
 @dataclass(frozen=True)
 class AlarmMessage:
-    """One message; a receiver that gets it twice sees so by its `identity`."""
+    """One message; a receiver recognizes a repeated one by its `identity`."""
 
     machine: str
     """Name of the machine."""
@@ -45,14 +46,14 @@ class AlarmMessage:
     """Alarm of the ``pump`` or of a ``sensor``."""
     event: str
     """What happened to the alarm: ``opened``, ``measured`` (the severity of its suspect),
-    ``cleared``, ``closed``.
+    ``cleared`` or ``closed``.
     """
     time: str
-    """When, ISO 8601 in UTC."""
+    """Time of the event, ISO 8601 in UTC."""
     identity: str
     """Unique for each message, such as ``alarm-17-opened``."""
     reasons: Sequence[str] = ()
-    """What moved or what is wrong, in sentences."""
+    """What changed or what is wrong, in sentences."""
     link: str | None = None
     """Address of the alarm on the page."""
 
@@ -62,47 +63,44 @@ class AlarmMessage:
 
         Examples
         --------
-        >>> AlarmMessage("pump-1", "860 rpm, 10 MPa", "pump", "opened", "2026-01-02T03:04:05+00:00", "1").title
+        >>> time = "2026-01-02T03:04:05+00:00"
+        >>> AlarmMessage("pump-1", "860 rpm, 10 MPa", "pump", "opened", time, "1").title
         'pump-1: pump alarm opened (860 rpm, 10 MPa)'
         """
         return escape_controls(f"{self.machine}: {self.kind} alarm {self.event} ({self.point})")
 
     def to_json(self) -> str:
-        """All of it, with its title."""
+        """Return the whole message with its title."""
         return json.dumps({**asdict(self), "title": self.title}, ensure_ascii=False)
 
 
 class ChannelError(SwashTwinError):
-    """A message could not be handed over; it may be sent again."""
+    """A message could not be delivered; it may be sent again."""
 
 
 class _RefusedError(Exception):
-    """Why a server did not take a message, in words that hold no secret."""
+    """Why a server did not accept a message, in words without a secret."""
 
 
 def send(
-    message: AlarmMessage, channel: Channel, *, folder: Path, timeout: float = TIMEOUT
+    message: AlarmMessage, channel: Channel, *, folder: Path, timeout: float = TIMEOUT_S
 ) -> None:
-    """Hand a message to a channel, and return when its server has it.
+    """Send a message to a channel, and return when its server has accepted it.
 
     Parameters
     ----------
-    folder : of the watch, where a log without a path of its own lies.
-    timeout : time for connecting, and for all that follows [s].
+    folder : folder of the watch, for a log without a path.
+    timeout : time limit for connecting, and for everything that follows [s].
 
     Raises
     ------
     ChannelError
-        It could not be handed over; the message is one line and holds no secret.
+        The message could not be delivered; the error is one line without a secret.
     """
     try:
         match channel:
             case LogChannel():
-                line = " ".join(
-                    [message.time, f"{message.title}.", *message.reasons, message.link or ""]
-                ).rstrip()
-                with (channel.path or folder / "alarms.log").open("a", encoding="utf-8") as file:
-                    file.write(escape_controls(line) + "\n")
+                _append(message, channel.path or folder / "alarms.log")
             case WebhookChannel():
                 _post(message, channel, timeout)
             case MqttChannel():
@@ -118,46 +116,54 @@ def send(
         _RefusedError,
     ) as cause:
         raise ChannelError(
-            f"channel {channel.name!r} ({channel.kind}): {_reason(cause, timeout)}."
+            f"channel {channel.name!r} ({channel.kind}): {_describe_failure(cause, timeout)}."
         ) from cause
 
 
-def _reason(cause: Exception, timeout: float) -> str:
-    """What went wrong, in one line without what was sent."""
+def _describe_failure(cause: Exception, timeout: float) -> str:
+    """Return what went wrong, in one line without any part of what was sent."""
     if isinstance(cause, (_RefusedError, smtplib.SMTPNotSupportedError)):
         return escape_controls(str(cause)).rstrip(".")
     if isinstance(cause, smtplib.SMTPRecipientsRefused):
         return "the server refused every recipient"
     if isinstance(cause, smtplib.SMTPResponseException):
-        answer = (
-            cause.smtp_error.decode(errors="replace")
-            if isinstance(cause.smtp_error, bytes)
-            else cause.smtp_error
-        )
-        return escape_controls(f"the server answers {cause.smtp_code} {answer}".rstrip(". "))
+        answer = cause.smtp_error
+        if isinstance(answer, bytes):
+            answer = answer.decode(errors="replace")
+        return escape_controls(f"the server answered {cause.smtp_code} {answer}".rstrip(". "))
     if TimeoutError in (type(cause), type(cause.__context__)):
         return f"no answer within {timeout:g} s"
     if isinstance(cause, ssl.SSLError):
-        return f"TLS fails: {cause.reason or type(cause).__name__}"
+        return f"TLS failed: {cause.reason or type(cause).__name__}"
     if isinstance(cause, OSError) and cause.strerror:
         return cause.strerror
     if isinstance(cause, (http.client.HTTPException, smtplib.SMTPException)):
-        return f"the server does not speak the protocol, or hung up ({type(cause).__name__})"
-    return f"a setting cannot be used ({type(cause).__name__})"  # its text may hold a token
+        return (
+            "the server does not use the protocol, or closed the connection "
+            f"({type(cause).__name__})"
+        )
+    # The text of such an error may contain a token.
+    return f"a setting is invalid ({type(cause).__name__})"
 
 
 @contextlib.contextmanager
-def _deadline(timeout: float, current: Callable[[], socket.socket | None]) -> Iterator[None]:
-    """Cut a connection after `timeout`, however slowly its server goes on answering."""
+def _deadline(
+    timeout: float, current_connection: Callable[[], socket.socket | None]
+) -> Iterator[None]:
+    """Close a connection after `timeout`.
+
+    The timeout of a socket is not enough: a server that answers byte by byte restarts it each time.
+    """
     is_late = threading.Event()
 
-    def cut() -> None:
+    def close() -> None:
         is_late.set()
-        if (connection := current()) is not None:
+        connection = current_connection()
+        if connection is not None:
             with contextlib.suppress(OSError):
                 connection.shutdown(socket.SHUT_RDWR)
 
-    timer = threading.Timer(timeout, cut)
+    timer = threading.Timer(timeout, close)
     timer.daemon = True
     timer.start()
     try:
@@ -170,59 +176,69 @@ def _deadline(timeout: float, current: Callable[[], socket.socket | None]) -> It
         timer.cancel()
 
 
+def _append(message: AlarmMessage, path: Path) -> None:
+    parts = [message.time, f"{message.title}.", *message.reasons, message.link or ""]
+    line = escape_controls(" ".join(parts).rstrip())
+    with path.open("a", encoding="utf-8") as file:
+        file.write(line + "\n")
+
+
 def _post(message: AlarmMessage, channel: WebhookChannel, timeout: float) -> None:
     url = urlsplit(channel.url.reveal())
     if url.scheme not in ("http", "https") or not url.hostname:
-        raise _RefusedError("its URL is no http:// or https:// address")
-    kind = http.client.HTTPSConnection if url.scheme == "https" else http.client.HTTPConnection
-    connection = kind(url.hostname, url.port, timeout=timeout)
+        raise _RefusedError("its URL must begin with http:// or https://")
+
+    connection_type: type[http.client.HTTPConnection] = http.client.HTTPConnection
+    if url.scheme == "https":
+        connection_type = http.client.HTTPSConnection
+    connection = connection_type(url.hostname, url.port, timeout=timeout)
+
+    address = url.path or "/"
+    if url.query:
+        address += f"?{url.query}"
     headers = {
         "Content-Type": "application/json",
         "User-Agent": "swashtwin",
-        **_login(url, channel),
+        **_login_header(url, channel),
     }
     with contextlib.closing(connection), _deadline(timeout, lambda: connection.sock):
-        connection.request(
-            "POST",
-            (url.path or "/") + (f"?{url.query}" if url.query else ""),
-            message.to_json().encode(),
-            headers,
-        )
+        connection.request("POST", address, message.to_json().encode(), headers)
         status = connection.getresponse().status
     if not 200 <= status < 300:
-        raise _RefusedError(f"the server answers {status}")
+        raise _RefusedError(f"the server answered {status}")
 
 
-def _login(url: SplitResult, channel: WebhookChannel) -> dict[str, str]:
+def _login_header(url: SplitResult, channel: WebhookChannel) -> dict[str, str]:
     if channel.token:
         return {"Authorization": f"Bearer {channel.token.reveal()}"}
     if url.username is None:
         return {}
-    pair = f"{unquote(url.username)}:{unquote(url.password or '')}"
-    return {"Authorization": f"Basic {b64encode(pair.encode()).decode()}"}
+    credentials = f"{unquote(url.username)}:{unquote(url.password or '')}"
+    return {"Authorization": f"Basic {b64encode(credentials.encode()).decode()}"}
 
 
 def _publish(message: AlarmMessage, channel: MqttChannel, timeout: float) -> None:
     client = broker_client(channel)
     client.connect_timeout = timeout
-    answered, refusals = threading.Event(), []
+    has_answered = threading.Event()
+    refusals = []
 
     def on_connect(_: Any, __: Any, ___: Any, reason: Any, ____: Any) -> None:
         if reason.is_failure:
-            refusals.append(f"the broker refuses the connection ({reason})")
-        answered.set()
+            refusals.append(f"the broker refused the connection ({reason})")
+        has_answered.set()
 
     client.on_connect = on_connect
     client.connect(channel.host, channel.port, keepalive=max(math.ceil(timeout), 1))
     client.loop_start()
     try:
-        if not answered.wait(timeout):
+        if not has_answered.wait(timeout):
             raise TimeoutError
         if refusals:
             raise _RefusedError(refusals[0])
-        handed_over = client.publish(channel.topic, message.to_json(), qos=1)
-        handed_over.wait_for_publish(timeout)
-        if not handed_over.is_published():
+        publication = client.publish(channel.topic, message.to_json(), qos=1)
+        publication.wait_for_publish(timeout)
+        if not publication.is_published():
             raise TimeoutError
     except RuntimeError as cause:
         raise _RefusedError("the broker closed the connection") from cause
@@ -232,28 +248,35 @@ def _publish(message: AlarmMessage, channel: MqttChannel, timeout: float) -> Non
 
 
 def _mail(message: AlarmMessage, channel: EmailChannel, timeout: float) -> None:
+    mail = _compose_mail(message, channel)
+
+    tls = ssl.create_default_context()
+    server: smtplib.SMTP
+    if channel.tls == "tls":
+        server = smtplib.SMTP_SSL(channel.host, channel.port, timeout=timeout, context=tls)
+    else:
+        server = smtplib.SMTP(channel.host, channel.port, timeout=timeout)
+
+    with contextlib.closing(server), _deadline(timeout, lambda: server.sock):
+        if channel.tls == "starttls":
+            server.starttls(context=tls)
+        if channel.user is not None:
+            server.login(channel.user, channel.password.reveal())
+        server.send_message(mail)
+
+
+def _compose_mail(message: AlarmMessage, channel: EmailChannel) -> EmailMessage:
     mail = EmailMessage()
     mail["Subject"] = message.title
     mail["From"] = channel.sender
     mail["To"] = ", ".join(channel.recipients)
-    reference = re.sub(r"[^\w.-]", "-", message.identity, flags=re.ASCII)
-    mail["Message-ID"] = f"<{reference}@swashtwin>"
-    lines = [
-        message.title,
-        f"Time: {message.time}",
-        *(f"- {reason}" for reason in message.reasons),
-        message.link or "",
-    ]
-    mail.set_content("\n".join(escape_controls(line) for line in lines if line) + "\n")
-    trusted = ssl.create_default_context()
-    server = (
-        smtplib.SMTP_SSL(channel.host, channel.port, timeout=timeout, context=trusted)
-        if channel.tls == "tls"
-        else smtplib.SMTP(channel.host, channel.port, timeout=timeout)
-    )
-    with contextlib.closing(server), _deadline(timeout, lambda: server.sock):
-        if channel.tls == "starttls":
-            server.starttls(context=trusted)
-        if channel.user is not None:
-            server.login(channel.user, channel.password.reveal())
-        server.send_message(mail)
+    # The same identifier for a repeated message, so that mail programs show it once.
+    identifier = re.sub(r"[^\w.-]", "-", message.identity, flags=re.ASCII)
+    mail["Message-ID"] = f"<{identifier}@swashtwin>"
+
+    lines = [message.title, f"Time: {message.time}"]
+    lines += [f"- {reason}" for reason in message.reasons]
+    if message.link:
+        lines.append(message.link)
+    mail.set_content("\n".join(escape_controls(line) for line in lines) + "\n")
+    return mail

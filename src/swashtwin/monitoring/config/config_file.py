@@ -35,23 +35,25 @@ from swashtwin.monitoring.config.settings import (
 )
 from swashtwin.pump import load_pump
 
-_ITEM = re.compile(r"^(\w+)\[(\d+)\](?:\.|: )")
+_LIST_INDEX = re.compile(r"^(\w+)\[(\d+)\](?:\.|: )")
+"""Start of an error message about an entry of a list, such as ``source[0].``."""
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
+"""Name of an environment variable in a secret."""
 
 
 def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) -> WatchConfig:
-    """Configuration of a watch from its TOML file.
+    """Return the configuration of a watch from its TOML file.
 
     Parameters
     ----------
     path : the file; relative paths in it start at its folder.
-    environment : variables for ``${NAME}`` in secrets; by default the process's.
+    environment : variables for ``${NAME}`` in secrets; by default those of the process.
 
     Raises
     ------
     MissingFileError, DataError, InputError
-        The file or one that it names is not there, an entry is unknown, missing, or cannot be. One
-        line names the file and the entry, and no secret.
+        The file or one that it names does not exist, or an entry is unknown, missing or invalid.
+        The message is one line, names the file and the entry, and contains no secret.
     """
     path = Path(path)
     if not path.is_file():
@@ -62,29 +64,41 @@ def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) 
         table = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as cause:
         raise DataError(f"{path}: not valid TOML: {cause}.") from cause
+
+    folder = path.absolute().parent
     variables = os.environ if environment is None else environment
 
     def read(kind: type, value: Any) -> Any:
         if not isinstance(value, str):
-            raise ValueError("it must be a text in quotes")
-        return _read(kind, value, path.absolute().parent, variables)
+            raise ValueError("it must be text in quotes")
+        return _read_text_entry(kind, value, folder, variables)
 
     try:
+        # The key has parentheses, so that no entry of the file can have its name.
         config = from_table({**table, "(file)": str(path.absolute())}, WatchConfig, to_array=read)
         _check(config)
     except InputError as cause:
-        text = _ITEM.sub(lambda match: f"[[{match[1]}]] number {int(match[2]) + 1}: ", str(cause))
-        hint = "; the kinds are folder, mqtt, http, and of channels log, webhook, mqtt, email" * (
-            "kind: " in text
-        )
-        raise InputError(f"{path}: {text.rstrip('.')}{hint}.") from cause
+        raise InputError(f"{path}: {_describe_entry_error(str(cause))}.") from cause
     except SwashTwinError as cause:
         raise cause.with_context(f"{path}: ") from cause
     return config
 
 
+def _describe_entry_error(text: str) -> str:
+    """Return an error about an entry with the words that the file uses, without a full stop."""
+    text = _LIST_INDEX.sub(
+        lambda match: f"[[{match[1]}]] number {int(match[2]) + 1}: ", text
+    ).rstrip(".")
+    if "kind: " in text:
+        text += (
+            "; the kinds of a source are folder, mqtt, http, those of a channel log, webhook, "
+            "mqtt, email"
+        )
+    return text
+
+
 def write_example(path: Path) -> Path:
-    """`path`, after a commented configuration was written to it.
+    """Write a commented configuration to a file, and return its path.
 
     Raises
     ------
@@ -94,93 +108,111 @@ def write_example(path: Path) -> Path:
     path = Path(path)
     if path.exists():
         raise InputError(f"{path} exists already; name another file, or remove it.")
-    return write_text(
-        path, (resources.files(__package__) / "example.toml").read_text(encoding="utf-8")
-    )
+    example = resources.files(__package__) / "example.toml"
+    return write_text(path, example.read_text(encoding="utf-8"))
 
 
-def _read(kind: type, value: str, folder: Path, environment: Mapping[str, str]) -> Any:
-    """A path, secret or quantity of the text in the file; a `ValueError` where it cannot be."""
+def _read_text_entry(kind: type, value: str, folder: Path, environment: Mapping[str, str]) -> Any:
+    """Return the path, quantity or secret of a text; raise `ValueError` if it is invalid."""
     if issubclass(kind, Path):
         return folder / Path(value).expanduser()
     if issubclass(kind, NameOrFile):
-        return kind(
-            folder / Path(value).expanduser()
-            if value.endswith((".toml", ".safetensors"))
-            else value
-        )
+        is_file = value.endswith((".toml", ".safetensors"))
+        return kind(folder / Path(value).expanduser() if is_file else value)
     if issubclass(kind, Quantity):
-        try:
-            number = parse_quantity(value, kind.unit, name="it")
-        except UnitError as cause:
-            raise ValueError(str(cause).rstrip(".")) from cause
-        if not (math.isfinite(number) and number > 0):
-            raise ValueError(f"{value!r} must be above 0 {kind.unit}")
-        return kind(number)
-    return _secret(kind, value, environment)
+        return _read_quantity(kind, value)
+    return _read_secret(kind, value, environment)
 
 
-def _secret(kind: type, value: str, environment: Mapping[str, str]) -> Secret:
-    if issubclass(kind, SecretUrl):
-        if "://" not in value:
-            raise ValueError("it must be a URL, such as scheme://host/name")
-        password = None
-        with suppress(ValueError):
-            password = urlsplit(value).password
-        if password and not _VARIABLE.fullmatch(password):
-            raise ValueError(
-                "a password is written out; write scheme://user:${NAME}@host and set NAME"
-            )
+def _read_quantity(kind: type[Quantity], value: str) -> Quantity:
+    try:
+        number = parse_quantity(value, kind.unit, name="it")
+    except UnitError as cause:
+        raise ValueError(str(cause).rstrip(".")) from cause
+    if not math.isfinite(number) or number <= 0:
+        raise ValueError(f"{value!r} must be above 0 {kind.unit}")
+    return kind(number)
+
+
+def _read_secret(kind: type, value: str, environment: Mapping[str, str]) -> Secret:
+    """Return a secret with its environment variables replaced; refuse one that is written out."""
+    is_url = issubclass(kind, SecretUrl)
+    if is_url:
+        _require_variable_as_password(value)
     elif not _VARIABLE.fullmatch(value):
         raise ValueError('it is written out; write "${NAME}" and set the environment variable NAME')
 
-    def variable(match: re.Match[str]) -> str:
-        if match[1] not in environment:
-            raise ValueError(f"it needs the environment variable {match[1]}, which is not set")
-        return quote(environment[match[1]], safe="") if kind is SecretUrl else environment[match[1]]
+    def replace_variable(match: re.Match[str]) -> str:
+        name = match[1]
+        if name not in environment:
+            raise ValueError(f"it needs the environment variable {name}, which is not set")
+        # A password may contain a character that ends it in a URL.
+        return quote(environment[name], safe="") if is_url else environment[name]
 
-    return (SecretUrl if kind is SecretUrl else Secret)(_VARIABLE.sub(variable, value))
+    text = _VARIABLE.sub(replace_variable, value)
+    return SecretUrl(text) if is_url else Secret(text)
+
+
+def _require_variable_as_password(url: str) -> None:
+    if "://" not in url:
+        raise ValueError("it must be a URL, such as scheme://host/name")
+    password = None
+    with suppress(ValueError):  # what is invalid in the URL is reported when it is opened
+        password = urlsplit(url).password
+    if password and not _VARIABLE.fullmatch(password):
+        raise ValueError("a password is written out; write scheme://user:${NAME}@host and set NAME")
 
 
 def _check(config: WatchConfig) -> None:
+    """Check what depends on several entries, or on other files."""
     if not config.machines:
         raise DataError("the file has no [[machine]]; add one with its name.")
     if not config.sources:
         raise DataError(
             'the file has no [[source]]; add one, such as kind = "folder" with its path.'
         )
-    for title, named in (
-        ("machine", config.machines),
-        ("source", config.sources),
-        ("channel", config.channels),
-    ):
-        for name, count in Counter(item.name for item in named).items():
-            if count > 1:
-                raise DataError(
-                    f"{count} of [[{title}]] have the name {name!r}; give each a name of its own."
-                )
+
+    _require_unique_names("machine", [machine.name for machine in config.machines])
+    _require_unique_names("source", [source.name for source in config.sources])
+    _require_unique_names("channel", [channel.name for channel in config.channels])
+
     for machine in config.machines:
         try:
             _check_machine(machine)
         except SwashTwinError as cause:
             raise cause.with_context(f"[[machine]] {machine.name!r}: ") from cause
     for source in config.sources:
-        stated = None if isinstance(source, HttpSource) else source.machine
-        if stated is not None and config.machine(stated) is None:
+        machine_name = None if isinstance(source, HttpSource) else source.machine
+        if machine_name is not None and config.machine(machine_name) is None:
             raise DataError(
-                f"[[source]] {source.name!r}: machine {stated!r} is not in the file; there are {config.machine_names}."
+                f"[[source]] {source.name!r}: the file has no machine {machine_name!r}. Its "
+                f"machines are {config.machine_names}."
+            )
+
+
+def _require_unique_names(table: str, names: list[str]) -> None:
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise DataError(
+                f"{count} of [[{table}]] have the name {name!r}; give each a different name."
             )
 
 
 def _check_machine(machine: Machine) -> None:
-    if safe_file_name(machine.name) != machine.name:
-        raise InputError(
-            f"the name also names a folder; write it as {safe_file_name(machine.name)!r}."
-        )
-    for name, path in (("model", machine.model), ("calibration", machine.calibration)):
-        if path is not None and not path.is_file():
-            raise MissingFileError(f"{name}: {path} is no file.")
-    if machine.prior.endswith(".safetensors") and not Path(machine.prior).is_file():
-        raise MissingFileError(f"prior: {machine.prior} is no file.")
+    safe_name = safe_file_name(machine.name)
+    if safe_name != machine.name:
+        raise InputError(f"the name is also that of a folder; write it as {safe_name!r}.")
+
+    if machine.model is not None:
+        _require_file("model", machine.model)
+    if machine.calibration is not None:
+        _require_file("calibration", machine.calibration)
+    if machine.prior.endswith(".safetensors"):
+        _require_file("prior", Path(machine.prior))
     if machine.pump is not None:
         load_pump(machine.pump)
+
+
+def _require_file(entry: str, path: Path) -> None:
+    if not path.is_file():
+        raise MissingFileError(f"{entry}: the file {path} does not exist.")

@@ -1,6 +1,4 @@
-"""What a watch is told: machines, sources of recordings, alarms, channels, retention and the
-page.
-"""
+"""The settings of a watch: machines, sources, alarms, channels, retention and the page."""
 
 from ipaddress import ip_address
 from pathlib import Path
@@ -14,11 +12,16 @@ from swashtwin.pump import load_pump
 Text = Annotated[str, Meta(min_length=1, pattern=r"\S")]
 Port = Annotated[int, Meta(ge=1, le=65535)]
 _MAIL_PORTS = {"starttls": 587, "tls": 465, "none": 25}
+"""Usual port of a mail server by encryption (RFC 8314)."""
+_MQTT_PORT = 1883
+_MQTT_TLS_PORT = 8883
+"""Ports of MQTT that IANA assigned."""
 
 
 class Secret:
-    """A password or token, which the file names as ``${NAME}`` and the environment holds; nothing
-    shows it.
+    """A password or token, which is never shown.
+
+    The file contains ``${NAME}``, and the environment the secret.
 
     Examples
     --------
@@ -30,7 +33,7 @@ class Secret:
         self._text = text
 
     def reveal(self) -> str:
-        """The secret itself, to be handed to a server and to nothing else."""
+        """Return the secret itself, to be sent to a server and to nothing else."""
         return self._text
 
     def __eq__(self, other: object) -> bool:
@@ -47,17 +50,18 @@ class Secret:
 
 
 class SecretUrl(Secret):
-    """A URL, shown nowhere because it may hold a secret; one with a password takes it from the
-    environment.
+    """A URL, which is never shown because it may contain a secret.
+
+    A password in it comes from the environment.
     """
 
 
 class NameOrFile(str):
-    """Name of what swashtwin brings along, or path of a file."""
+    """Name of something that swashtwin ships, or path of a file."""
 
 
 class Quantity(float):
-    """A number above zero that the file states with its unit."""
+    """A number above zero, which has a unit in the file."""
 
     unit: ClassVar[str]
 
@@ -87,7 +91,7 @@ class Seconds(Quantity):
 
 
 NO_SECRET = Secret("")
-"""Stands where no secret is needed."""
+"""Default if no secret is needed."""
 
 
 class Entries(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -95,7 +99,7 @@ class Entries(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def kind(self) -> str:
-        """What its ``kind = ...`` says."""
+        """Value of ``kind`` in the file."""
         return str(self.__struct_config__.tag)
 
 
@@ -107,31 +111,31 @@ class Machine(Entries, frozen=True, kw_only=True):
     pump: NameOrFile | None = None
     """Name of a pump of the catalog, or path of a pump file."""
     pistons: Annotated[int, Meta(ge=5, le=15)] | None = None
-    """Pistons of a swash-plate pump of which no pump file is known."""
+    """Piston count of a swash-plate pump without a pump file."""
     model: Path | None = None
     """Saved `FaultClassifier`, `AnomalyDetector` or adapted `PriorClassifier`."""
     prior: NameOrFile = NameOrFile("25scy14-1b")
-    """Shipped prior, or path of one of `twin prior`, which names the suspect of an alarm."""
+    """Shipped prior, or path of one of ``twin prior``; it names the suspect of an alarm."""
     calibration: Path | None = None
-    """Calibration on its healthy recordings, which measures the severity of the suspect."""
+    """Calibration on healthy recordings of the pump; it measures the severity of the suspect."""
     channels: tuple[Text, ...] = ()
     """Channels that each recording must have, in this order; empty: those of the first
     recording.
     """
     speed: Speed | None = None
-    """Angular speed of the shaft where it is constant [rad/s]."""
+    """Angular speed of the shaft, if it is constant [rad/s]."""
     discharge_pressure: Pressure | None = None
-    """Pressure at the outlet where it is constant [Pa]."""
+    """Pressure at the outlet, if it is constant [Pa]."""
     tags: Path | None = None
-    """CSV with time, speed and pressure; another system may write it later."""
+    """CSV file with time, speed and pressure; another system may write it later."""
     sample_rate: Rate | None = None
-    """Rate of files that state none [Hz]."""
+    """Sample rate of files that specify none [Hz]."""
     unit: Text | None = None
-    """Unit of files that state none."""
+    """Unit of files that specify none."""
     sensitivity: Text | tuple[Text, ...] | None = None
-    """What the numbers of files stand for, as in an index: ``"99.7 mV/g"``."""
+    """Sensitivity of the sensors, as in an index: ``"99.7 mV/g"``."""
     names: tuple[Text, ...] = ()
-    """New name of each of `channels`, in their order."""
+    """New names of `channels`, in the same order."""
     time_column: Text | int | None = None
     time_unit: Text | None = None
     header_lines: int | None = None
@@ -140,20 +144,20 @@ class Machine(Entries, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if len(set(self.channels)) < len(self.channels):
-            raise ValueError(f"channels = {list(self.channels)} names something twice")
+            raise ValueError(f"channels = {list(self.channels)} contains a name twice")
         if self.pistons is not None and self.pump is not None:
-            raise ValueError("pistons are those of the pump; state one of the two")
+            raise ValueError("pistons follows from pump; specify only one of the two")
         if self.calibration is not None and self.pistons is None and self.pump is None:
             raise ValueError(
-                "calibration measures the severity of a suspect, which needs pump or pistons too"
+                "calibration measures the severity of a suspect; specify pump or pistons too"
             )
 
     @property
     def piston_count(self) -> int | None:
-        """Pistons, where they are known."""
-        return (
-            self.pistons if self.pump is None else load_pump(self.pump).rotating_group.piston_count
-        )
+        """Piston count, if it is known."""
+        if self.pump is None:
+            return self.pistons
+        return load_pump(self.pump).rotating_group.piston_count
 
 
 class Broker(Entries, frozen=True, kw_only=True):
@@ -161,17 +165,17 @@ class Broker(Entries, frozen=True, kw_only=True):
 
     host: Text
     port: Port | Literal[0] = 0
-    """By default 1883, with TLS 8883."""
+    """Port; by default 1883, with TLS 8883."""
     user: Text | None = None
     password: Secret = NO_SECRET
     tls: bool = False
     """Whether the connection is encrypted."""
     ca: Path | None = None
-    """Certificates that are trusted; by default the system's."""
+    """File of trusted certificates; by default those of the system."""
 
     def __post_init__(self) -> None:
         if not self.port:
-            force_setattr(self, "port", 8883 if self.tls else 1883)
+            force_setattr(self, "port", _MQTT_TLS_PORT if self.tls else _MQTT_PORT)
 
 
 class FolderSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="folder"):
@@ -179,15 +183,15 @@ class FolderSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="fo
 
     name: Text = "folder"
     path: Path
-    """Folder, searched with its sub-folders."""
+    """Folder, which is searched with its sub-folders."""
     pattern: Text = "*"
     """Names of the files, such as ``*.wav``."""
     settle_time: Seconds = Seconds(1.0)
-    """Time for which a file's size and date stay the same before it is read [s]."""
+    """Time for which size and date of a file must stay the same before it is read [s]."""
     machine: Text | None = None
     """Machine of all files; by default the name of the first sub-folder."""
     remove: bool = False
-    """Whether a file is deleted once it is in the watch's own folder."""
+    """Whether a file is deleted when it is in the folder of the watch."""
 
 
 class MqttSource(Broker, frozen=True, kw_only=True, tag_field="kind", tag="mqtt"):
@@ -195,13 +199,13 @@ class MqttSource(Broker, frozen=True, kw_only=True, tag_field="kind", tag="mqtt"
 
     name: Text = "mqtt"
     topic: Text
-    """Topic, with ``+`` where the machine's name stands."""
+    """Topic, with ``+`` in place of the machine's name."""
     machine: Text | None = None
-    """Machine of all messages; by default what stands at the first ``+``."""
+    """Machine of all messages; by default the part of the topic at the first ``+``."""
     group: Text | None = None
-    """Shared subscription: each message goes to one watch of this group."""
+    """Name of a shared subscription: each message goes to one watch of this group."""
     client: Text | None = None
-    """Client name at the broker, which keeps messages for it; by default made from the folder."""
+    """Name of the client, for which the broker keeps messages; by default derived from the folder."""
 
 
 class HttpSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="http"):
@@ -211,12 +215,12 @@ class HttpSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="http
 
 
 class AlarmSettings(Entries, frozen=True, kw_only=True):
-    """The alarm's promise."""
+    """What the alarm promises, and what it learns from."""
 
     false_alarm_rate: Annotated[float, Meta(gt=0, le=0.5)] = 0.01
-    """Chance that a healthy machine ever raises an alarm at one operating point."""
+    """Maximum chance that a healthy machine ever raises an alarm at one operating point."""
     baseline_recordings: Annotated[int, Meta(ge=10, le=1000)] = 20
-    """Recordings from which a baseline is learned."""
+    """Number of recordings from which a baseline is learned."""
 
 
 class LogChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="log"):
@@ -249,13 +253,13 @@ class EmailChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="em
     name: Text = "email"
     host: Text
     port: Port | Literal[0] = 0
-    """By default 587, 465 or 25, by `tls`."""
+    """Port; by default 587, 465 or 25, depending on `tls`."""
     sender: Text
     recipients: Annotated[tuple[Text, ...], Meta(min_length=1)]
     user: Text | None = None
     password: Secret = NO_SECRET
     tls: Literal["starttls", "tls", "none"] = "starttls"
-    """Whether, and how, the connection is encrypted."""
+    """How the connection is encrypted."""
 
     def __post_init__(self) -> None:
         if not self.port:
@@ -263,39 +267,38 @@ class EmailChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="em
 
 
 class Retention(Entries, frozen=True, kw_only=True):
-    """Which waveforms stay; verdicts and indicators stay always."""
+    """Which waveforms are kept; verdicts and indicators are always kept."""
 
     alarms: Annotated[int, Meta(ge=0)] | Literal["all"] = "all"
-    """Those of alarms, at most this many of the latest by machine."""
+    """Waveforms of alarms: all, or the latest of each machine up to this number."""
     per_day: Annotated[int, Meta(ge=0)] = 1
-    """The first so many of each machine and day."""
+    """Number of waveforms of each machine and day, the first ones of the day."""
     latest: Annotated[int, Meta(ge=0)] = 100
-    """The last so many of each machine that stay for no other reason."""
+    """Number of the latest waveforms of each machine that are not kept for another reason."""
 
 
 class PageSettings(Entries, frozen=True, kw_only=True):
     """Where the page is served, and to whom."""
 
     host: Text = "127.0.0.1"
-    """Address to listen at; beyond this computer only with `users`."""
+    """Address to listen on; other computers can reach it only with `users`."""
     port: Port = 8642
     users: Path | None = None
-    """File of people's hashed passwords and programs' hashed tokens, as ``swashtwin watch user``
-    writes it.
-    """
+    """File of hashed passwords and tokens, written by ``swashtwin watch user``."""
     hosts: tuple[Text, ...] = ()
-    """Further names under which browsers reach the page, such as that of a proxy."""
+    """Further names by which browsers reach the page, such as that of a proxy."""
     https: bool = False
-    """Whether a proxy before the page serves it by HTTPS."""
+    """Whether a proxy in front of the page serves it by HTTPS."""
     proxy: Text | None = None
-    """Address of that proxy, which states the address of each client in ``X-Forwarded-For``."""
+    """IP address of that proxy, which sends the address of each client in ``X-Forwarded-For``."""
 
     def __post_init__(self) -> None:
         if not self.is_local and self.users is None:
             raise ValueError(
                 f"host = {self.host!r} lets other computers read and acknowledge; add users = "
-                '"users.json" and name somebody with swashtwin watch user, or take host = "127.0.0.1"'
+                '"users.json" and a user with swashtwin watch user, or use host = "127.0.0.1"'
             )
+
         if self.proxy is not None:
             try:
                 ip_address(self.proxy)
@@ -314,7 +317,7 @@ class PageSettings(Entries, frozen=True, kw_only=True):
 
     @property
     def address(self) -> str:
-        """Where people find the page: at the proxy that serves it, if one is configured.
+        """URL of the page: that of the proxy that serves it, if one is configured.
 
         Examples
         --------
@@ -323,6 +326,8 @@ class PageSettings(Entries, frozen=True, kw_only=True):
         """
         if self.hosts and self.https:
             return f"https://{self.hosts[0]}"
+
+        # An IPv6 address stands in brackets in a URL.
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{self.port}"
 
@@ -332,14 +337,14 @@ Channel: TypeAlias = LogChannel | WebhookChannel | MqttChannel | EmailChannel
 
 
 class WatchConfig(Entries, frozen=True, kw_only=True):
-    """Everything a watch is told."""
+    """All settings of a watch."""
 
     path: Path = field(name="(file)")
-    """File that it comes from."""
+    """File of the configuration."""
     folder: Path
-    """Folder of history, waveforms and files that wait."""
+    """Folder of history, waveforms and waiting files."""
     history: SecretUrl | None = None
-    """URL of the database; None: SQLite in `folder`."""
+    """URL of the database; None for SQLite in `folder`."""
     machines: tuple[Machine, ...] = field(name="machine", default=())
     sources: tuple[Source, ...] = field(name="source", default=())
     alarms: AlarmSettings = AlarmSettings()
@@ -358,5 +363,5 @@ class WatchConfig(Entries, frozen=True, kw_only=True):
         return ", ".join(machine.name for machine in self.machines[:20])
 
     def machine(self, name: str) -> Machine | None:
-        """Machine of that name, or None."""
+        """Return the machine with that name, or None."""
         return next((machine for machine in self.machines if machine.name == name), None)

@@ -260,7 +260,7 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """A choice from fewer windows, without the refits that explain a misfit; both have tests of
     their own.
     """
-    monkeypatch.setattr("swashtwin.learning.choice.candidate_trials.MOST_WINDOWS", 120)
+    monkeypatch.setattr("swashtwin.learning.choice.candidate_trials.MAX_WINDOWS", 120)
     monkeypatch.setattr(
         "swashtwin.calibration.misfit_hypotheses.find_misfit_hypotheses", lambda *_: ()
     )

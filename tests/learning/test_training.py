@@ -179,7 +179,7 @@ def test_a_checkpoint_of_another_run_is_refused_with_what_differs(tmp_path, chan
 def test_a_checkpoint_is_neither_overwritten_nor_invented_nor_believed_if_damaged(tmp_path):
     path = tmp_path / "run.safetensors"
     fit(small(), tones(), settings=SHORT, checkpoint=path, resume=True)
-    with pytest.raises(InputError, match="resume it, or delete"):
+    with pytest.raises(InputError, match="Set resume=True"):
         fit(small(), tones(), settings=SHORT, checkpoint=path)
     with pytest.raises(InputError, match="needs a checkpoint"):
         fit(small(), tones(), settings=SHORT, resume=True)
@@ -241,7 +241,7 @@ def test_a_class_without_windows_an_unlabeled_window_and_an_empty_set_are_refuse
 
 
 def test_a_loss_that_runs_away_is_an_error_that_names_the_epoch():
-    with pytest.raises(InputError, match="in epoch 1; the learning rate is too high"):
+    with pytest.raises(InputError, match="in epoch 1: the learning rate is too high"):
         fit(small(), tones(), settings=replace(SHORT, learning_rate=1e30))
 
 

@@ -1,1 +1,1 @@
-"""Training that chooses: candidates, the trial of each by inner folds, and the choice."""
+"""Training that chooses among candidates, each tried on inner folds."""

@@ -1,12 +1,16 @@
-"""The chosen candidate, trained on everything, with a confidence from its folds."""
+"""Training by default: the best candidate on all windows, with a confidence from its folds."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from swashtwin.foundation import InputError, one_thread
-from swashtwin.learning.choice.candidate_trials import OutOfFoldPredictions, choose_candidate
+from swashtwin.learning.choice.candidate_trials import (
+    OutOfFoldPredictions,
+    Progress,
+    choose_candidate,
+)
 from swashtwin.learning.choice.candidates import DISTURBED_TRAINING
 from swashtwin.learning.evaluation.confidence_calibration import cross_fitted_confidence
 from swashtwin.learning.recordings.recording_fitting import fit_recordings
@@ -17,7 +21,7 @@ from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import Manifest
 
-_LEAST_RECORDINGS = 20
+_MIN_MACHINE_RECORDINGS = 20
 """Recordings of one machine from which a confidence is learned from it alone."""
 
 
@@ -27,23 +31,22 @@ def fit_best_candidate(
     manifest: Manifest | Iterable[str] = (),
     error_rate: float | None = None,
     seed: int = 0,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> FittedClassifier:
-    """Classifier of the candidate that `choose_candidate` finds and of heads on whole recordings, with a
-    cross-fitted confidence.
+    """Train the candidate that `choose_candidate` chooses, with a cross-fitted confidence.
 
-    Where folds leave machines out and recordings have 4,096 samples or more, heads on their levels
-    join (`RecordingModel`), each tempered by what it said of the machines left out; where none is
-    left out, nothing says how far levels so fine are the machine's own. Same seed, windows and
-    machine: same choice, same bits.
+    If folds leave machines out and recordings have at least 4,096 samples, heads on whole
+    recordings join it (`RecordingModel`), each tempered by its answers to held-out machines. If no
+    machine is held out, nothing shows how much of such fine features is the machine's own. The same
+    seed, windows and machine give the same choice and the same bits.
 
     Parameters
     ----------
     windows : training windows with labels, measured and synthetic.
     manifest : further recordings, as a manifest or by their ids, that had a part in the windows.
-    progress : as in `choose_candidate`.
-    error_rate : share of recordings whose prediction set may miss the true class; by default as
-        `cross_fitted_confidence` takes it.
+    error_rate : share of recordings whose prediction set may miss the true class; by default that
+        of `cross_fitted_confidence`.
+    progress : called with (activity, finished, total).
 
     Raises
     ------
@@ -52,93 +55,115 @@ def fit_best_candidate(
     InputError
         Too few recordings for the error rate, or a negative seed.
     """
-    first = np.unique(np.where(windows.synthetic, "", windows.recording_id), return_index=True)[1]
-    first = first[~windows.synthetic[first]]
-    if (
-        error_rate is not None
-    ):  # a machine may be the hardest to name, whose recordings it then rests on
-        counts = np.unique(windows.specimen[first], return_counts=True)[1]
-        require_validation_recordings(
-            len(first), error_rate, min(counts[counts >= _LEAST_RECORDINGS].tolist(), default=None)
-        )
+    if error_rate is not None:
+        _require_recordings(windows, error_rate)
     require_trainable(windows)
-    candidate, choice, answers = choose_candidate(windows, seed=seed, progress=progress)
-    network, seen = candidate.network(windows), answers.seen if answers else None
+    candidate, choice, predictions = choose_candidate(windows, seed=seed, progress=progress)
     fitted = fit(
-        network, windows, settings=DISTURBED_TRAINING, seed=seed, manifest=manifest, seen=seen
+        candidate.network(windows),
+        windows,
+        settings=DISTURBED_TRAINING,
+        seed=seed,
+        manifest=manifest,
+        represented=None if predictions is None else predictions.represented,
     )
-    reference, by_machine = fitted.training_reference, choice.group == "specimen"
-    whole, baseline_confidence = None, None
-    if answers is not None and by_machine:
+    reference = fitted.training_reference
+    by_machine = choice.group == "specimen"
+
+    baseline_confidence = None
+    if predictions is not None and by_machine:
         if progress is not None:
-            progress("listening to whole recordings", 0, 1)
+            progress("training on whole recordings", 0, 1)
         with one_thread():
-            whole = fit_recordings(windows, answers, seed)
-    if whole is not None and answers is not None:
-        model, trial = whole
-        fitted = replace(fitted, recordings=model)
-        with_own = model.on_changes is not None
-        choice = replace(choice, head_recalls=trial.recalls(with_own))
-        if with_own:
-            baseline_confidence = _confidence(
-                reference, trial.answers(answers, own=True), error_rate, by_machine
-            )
-        answers = trial.answers(answers, own=False)
-    confidence = _confidence(reference, answers, error_rate, by_machine)
+            recording_fit = fit_recordings(windows, predictions, seed)
+        if recording_fit is not None:
+            model, trial = recording_fit
+            has_baseline = model.on_changes is not None
+            fitted = replace(fitted, recordings=model)
+            choice = replace(choice, head_recalls=trial.recalls(has_baseline))
+            if has_baseline:
+                compared = trial.answers(predictions, own=True)
+                baseline_confidence = _confidence(reference, compared, error_rate, by_machine)
+            predictions = trial.answers(predictions, own=False)
+
+    confidence = _confidence(reference, predictions, error_rate, by_machine)
     if confidence is None and error_rate is not None:
         raise InputError(
-            f"error_rate ({error_rate:g}) needs a confidence, and without a trial there is none: {choice.reason}, or "
-            "leave error_rate out."
+            f"error_rate ({error_rate:g}) needs a confidence, and without a trial there is none: "
+            f"{choice.reason}.",
+            field="error_rate",
+            remedy="Or leave out {error_rate}.",
         )
     return replace(
         fitted, choice=choice, confidence=confidence, baseline_confidence=baseline_confidence
     )
 
 
+def _require_recordings(windows: WindowSet, error_rate: float) -> None:
+    """Require enough measured recordings for an error rate.
+
+    The error advises a rate that holds even if the confidence rests on one machine only, the
+    hardest one to classify.
+    """
+    measured = windows.subset(~windows.synthetic)
+    _, first = np.unique(measured.recording_id, return_index=True)
+    _, machine_counts = np.unique(measured.specimen[first], return_counts=True)
+    large_counts = machine_counts[machine_counts >= _MIN_MACHINE_RECORDINGS].tolist()
+    require_validation_recordings(len(first), error_rate, min(large_counts, default=None))
+
+
 def _confidence(
     reference: TrainingReference | None,
-    answers: OutOfFoldPredictions | None,
+    predictions: OutOfFoldPredictions | None,
     error_rate: float | None,
     by_machine: bool,
 ) -> Confidence | None:
-    """Confidence from the folds; None without a trial, or where no class has two recordings to
-    compare.
+    """Return a confidence from the folds.
 
-    Of folds by machine it is that of the machine that was hardest to name: the next one may be as
-    unlike the others, and the mean over a few machines says nothing of how far machines differ.
+    None without a trial, or if no class has two recordings to compare. If folds leave machines out,
+    it is that of the machine that was hardest to classify: the next one may be as different from
+    the others, and the mean over a few machines does not show how much machines differ.
     """
-    if reference is None or answers is None:
+    if reference is None or predictions is None:
         return None
+
     scores = reference.cross_fitted_scores()
-    scored = np.isfinite(scores)
-    if by_machine and (machine := _hardest_machine(reference, answers)):
-        scored &= np.array(reference.specimen) == machine
-    chosen = np.isin(answers.recording_id, np.array(reference.recording_id)[scored])
-    if not chosen.any():
+    is_scored = np.isfinite(scores)
+    machine = _hardest_machine(reference, predictions) if by_machine else ""
+    if machine:
+        is_scored &= np.array(reference.specimen) == machine
+
+    scored_names = np.array(reference.recording_id)[is_scored]
+    selected = np.isin(predictions.recording_id, scored_names)
+    if not selected.any():
         return None
+    is_predicted = np.isin(reference.recording_id, predictions.recording_id)
     return cross_fitted_confidence(
-        answers.probability[chosen],
-        answers.recording_id[chosen],
-        answers.target[chosen],
-        scores[scored & np.isin(reference.recording_id, answers.recording_id)],
+        predictions.probability[selected],
+        predictions.recording_id[selected],
+        predictions.target[selected],
+        scores[is_scored & is_predicted],
         error_rate=error_rate,
     )
 
 
-def _hardest_machine(reference: TrainingReference, answers: OutOfFoldPredictions) -> str:
-    """Machine whose recordings the folds gave the least probability; empty where it has too few for
-    a confidence.
+def _hardest_machine(reference: TrainingReference, predictions: OutOfFoldPredictions) -> str:
+    """Return the machine whose recordings got the lowest probability of their class.
+
+    It is empty if that machine has too few recordings for a confidence.
     """
-    specimen = dict(zip(reference.recording_id, reference.specimen, strict=True))
-    of_window = np.array([specimen.get(name, "") for name in answers.recording_id.tolist()])
-    right = np.log(
-        np.maximum(answers.probability[np.arange(len(answers.target)), answers.target], 1e-12)
+    machine_by_recording = dict(zip(reference.recording_id, reference.specimen, strict=True))
+    window_machines = np.array(
+        [machine_by_recording.get(name, "") for name in predictions.recording_id.tolist()]
     )
-    hardest = min(
-        np.unique(of_window).tolist(), key=lambda name: float(right[of_window == name].mean())
-    )
-    return (
-        hardest
-        if np.unique(answers.recording_id[of_window == hardest]).size >= _LEAST_RECORDINGS
-        else ""
-    )
+    windows = np.arange(len(predictions.target))
+    probability = predictions.probability[windows, predictions.target]
+    log_probability = np.log(np.maximum(probability, 1e-12))
+    mean_by_machine = {
+        name: float(log_probability[window_machines == name].mean())
+        for name in np.unique(window_machines).tolist()
+    }
+
+    hardest = min(mean_by_machine, key=lambda name: mean_by_machine[name])
+    n_recordings = np.unique(predictions.recording_id[window_machines == hardest]).size
+    return hardest if n_recordings >= _MIN_MACHINE_RECORDINGS else ""

@@ -1,4 +1,4 @@
-"""Training by default: try both candidates on inner folds, and choose one."""
+"""Choice of a candidate by trials on inner folds, as training does by default."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,22 +24,28 @@ from swashtwin.learning.windows.splitting import Fold, group_folds, window_group
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import NoiseKind, unit_noise
 
-MOST_WINDOWS = 3000
-"""Measured windows of a trial; of more, every recording lends its share."""
-MOST_FOLDS = 6
-"""Inner folds at most, so that of six machines each is left out once; fewer where a class stands in
-fewer groups.
-"""
-SNR, GAIN, STRETCH = 5.0, 12.0, 0.02
-"""Disturbances of the test sides: signal-to-noise ratio [dB], largest gain [dB], largest relative
-change of speed.
-"""
-_KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
+MAX_WINDOWS = 3000
+"""Measured windows of a trial; if there are more, every recording lends its share."""
+MAX_FOLDS = 6
+"""Maximum number of inner folds, so that each of six machines is left out once."""
+TEST_SNR_DB = 5.0
+"""Signal-to-noise ratio of the noisy test sides."""
+TEST_GAIN_DB = 12.0
+"""Largest gain of the disturbed test sides."""
+TEST_STRETCH = 0.02
+"""Largest relative change of speed of the disturbed test sides."""
+_NOISE_KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
+_TIE_TOLERANCE = 1e-12
+"""Rounding of a score that is exactly one standard error below the best."""
+
+Progress = Callable[[str, int, int], None]
+"""Called with (activity, finished, total)."""
+LogProbability = Float64[np.ndarray, "window class"]
 
 
 @dataclass(frozen=True, eq=False)
 class OutOfFoldPredictions:
-    """What the chosen candidate says of measured windows that its fold's training did not see."""
+    """Answers of a candidate to measured windows that its fold's training did not see."""
 
     probability: Float64[np.ndarray, "window class"]
     target: Int64[np.ndarray, " window"]
@@ -47,28 +53,27 @@ class OutOfFoldPredictions:
     """Recording of each window, in order of time."""
     fold: Int64[np.ndarray, " window"]
     """Fold that left it out."""
-    seen: RepresentedWindows | None = None
-    """What the chosen candidate sees of all windows in its training; None where the trial had
-    others.
-    """
+    represented: RepresentedWindows | None = None
+    """All training windows as the candidate's network sees them; None if the trial used others."""
 
 
 def choose_candidate(
-    windows: WindowSet, *, seed: int = 0, progress: Callable[[str, int, int], None] | None = None
+    windows: WindowSet, *, seed: int = 0, progress: Progress | None = None
 ) -> tuple[Candidate, Choice, OutOfFoldPredictions | None]:
-    """(candidate chosen, what was tried, the chosen one's answers across the folds or None without
-    a trial).
+    """Choose one of `CANDIDATES` by trials on inner folds.
 
     Measured windows are dealt into folds by specimen, else by condition, else by recording: the
-    hardest grouping in which every class stands in two groups. Each of `CANDIDATES` is trained on
-    the other folds and on the synthetic windows of other specimens, and tested on the fold as it
-    is, under noise at 5 dB, and under gains of ±12 dB with speeds of ±2 %, by recording. The first
-    whose score is within one standard error of the best (between the groups; Breiman and others
-    1984, "Classification and Regression Trees") is chosen.
+    hardest grouping in which every class stands in two groups. Each candidate is trained on the
+    other folds and on the synthetic windows of other specimens. It is tested on the fold as it was
+    measured, under noise at 5 dB, and under gains of ±12 dB with speeds of ±2 %, by recording. The
+    first candidate whose score is within one standard error of the best (between the groups;
+    Breiman and others 1984, "Classification and Regression Trees") is chosen.
 
-    Parameters
-    ----------
-    progress : called with (activity, finished, in all).
+    Returns
+    -------
+    candidate : the chosen one.
+    choice : what was tried.
+    predictions : the chosen candidate's answers across the folds; None without a trial.
 
     Raises
     ------
@@ -77,203 +82,279 @@ def choose_candidate(
     """
     if seed < 0:
         raise InputError(f"seed ({seed}) must not be negative.")
-    tell = progress or (lambda activity, finished, total: None)
-    measured = without_overlap(windows.subset(~windows.synthetic))
-    if (
-        len(measured) > MOST_WINDOWS
-    ):  # the first of each recording, in a row, whose dependence is that of a recording
-        names, index = np.unique(measured.recording_id, return_inverse=True)
-        share = max(1, MOST_WINDOWS // len(names))
-        leading_rows = [np.flatnonzero(index == number)[:share] for number in range(len(names))]
-        measured = measured.subset(np.sort(np.concatenate(leading_rows)))
+    report = progress or _report_nothing
+    measured = _limit_windows(without_overlap(windows.subset(~windows.synthetic)))
     group, folds = _inner_folds(measured, seed)
     if not folds:
-        reason = "there are too few recordings of a class to test on some of them; record more of each class"
-        return CANDIDATES[0], Choice(CANDIDATES[0].name, (), "", 0, 0, reason), None
+        candidate = CANDIDATES[0]
+        reason = (
+            "there are too few recordings of a class to test on some of them; record more of each "
+            "class"
+        )
+        return candidate, Choice(candidate.name, (), "", 0, 0, reason), None
+
     with one_thread():
         views = _Views(measured, windows.subset(windows.synthetic), seed)
-        log_probability = _answers(views, folds, seed, tell)
+        log_probability = _test_candidates(views, folds, seed, report)
+
     groups = window_groups(measured, group)
-    trials = _trials(log_probability, measured, groups)
-    chosen = next(
+    trials = _score_trials(log_probability, measured, groups)
+    candidate = next(
         candidate for candidate, trial in zip(CANDIDATES, trials, strict=True) if trial.is_tied
     )
-    tested = np.sort(np.concatenate([rows for _, rows in folds]))
-    fold = np.full(len(measured), -1)
-    for number, (_, left_out) in enumerate(folds):
-        fold[left_out] = number
-    is_all = (
-        len(windows) == len(views.windows) and windows.fingerprint() == views.windows.fingerprint()
+    predictions = _out_of_fold_predictions(
+        candidate, views, windows, folds, log_probability[candidate.name][0]
     )
-    band_powers, rows = views.training
-    answers = OutOfFoldPredictions(
-        probability=np.exp(log_probability[chosen.name][0][tested]),
-        target=measured.target[tested],
-        recording_id=measured.recording_id[tested],
-        fold=fold[tested],
-        seen=(chosen.network(windows).shaped(band_powers), rows) if is_all else None,
+    choice = Choice(
+        candidate=candidate.name,
+        trials=tuple(trials),
+        group=group,
+        n_folds=len(folds),
+        n_windows=len(predictions.target),
+        reason="",
+        n_machines=len(np.unique(groups)) if group == "specimen" else 0,
     )
-    n_machines = len(np.unique(groups)) if group == "specimen" else 0
-    return (
-        chosen,
-        Choice(chosen.name, tuple(trials), group, len(folds), len(tested), "", n_machines),
-        answers,
-    )
+    return candidate, choice, predictions
+
+
+def _report_nothing(activity: str, finished: int, total: int) -> None:
+    """Stand in for a progress that nobody asked for."""
+
+
+def _limit_windows(measured: WindowSet) -> WindowSet:
+    """Return at most `MAX_WINDOWS` windows, the same number of each recording."""
+    if len(measured) <= MAX_WINDOWS:
+        return measured
+
+    # The first windows of each recording, in a row: their dependence is that of a recording.
+    names, recording = np.unique(measured.recording_id, return_inverse=True)
+    share = max(1, MAX_WINDOWS // len(names))
+    rows = [np.flatnonzero(recording == number)[:share] for number in range(len(names))]
+    return measured.subset(np.sort(np.concatenate(rows)))
 
 
 def _inner_folds(measured: WindowSet, seed: int) -> tuple[str, tuple[Fold, ...]]:
-    """(what the folds keep whole, the folds), or ("", ()) where not even recordings can be
-    dealt.
-    """
-    present = measured.with_classes(
-        [measured.classes[index] for index in np.unique(measured.target)]
-    )
+    """Return what the folds keep whole, and the folds; ("", ()) if recordings cannot be dealt."""
+    present = np.unique(measured.target)
+    windows = measured.with_classes([measured.classes[index] for index in present])
     for group in ("specimen", "condition", "recording"):
         try:
             groups = window_groups(measured, group)
         except DataError:
             continue
-        counts = [
-            len(np.unique(groups[measured.target == index])) for index in np.unique(measured.target)
-        ]
-        if len(counts) < 2 or min(counts) < 2:
+
+        groups_by_class = [len(np.unique(groups[measured.target == index])) for index in present]
+        if len(groups_by_class) < 2 or min(groups_by_class) < 2:
             continue
-        for n_folds in range(min(MOST_FOLDS, len(np.unique(groups))), 1, -1):
+
+        # Fewer folds may succeed if a class stands in fewer groups.
+        for n_folds in range(min(MAX_FOLDS, len(np.unique(groups))), 1, -1):
             try:
-                folds = group_folds(present, group=group, n_folds=n_folds, seed=seed)
+                return group, group_folds(windows, group=group, n_folds=n_folds, seed=seed)
             except (DataError, InputError):
                 continue
-            return group, folds
     return "", ()
 
 
 _VIEWS = ("clean", "noise", "gain and speed")
-_WindowFeatures = Float32[np.ndarray, "window channel level"]
+_WindowFeatures = Float32[np.ndarray, "window channel feature"]
 
 
 class _Views:
-    """Levels of all windows, clean and disturbed: those to train on, and views to test under."""
+    """Features of all windows, clean and disturbed: those to train on, and those to test under."""
 
     def __init__(self, measured: WindowSet, synthetic: WindowSet, seed: int) -> None:
-        self.windows, self.measured, self.synthetic = measured + synthetic, measured, synthetic
+        self.windows = measured + synthetic
+        self.measured = measured
+        self.synthetic = synthetic
         self._normalization = Normalization.fit("set", self.windows)
-        noise, moved = (random_stream(seed, "trial", view) for view in _VIEWS[1:])
-        noisy = measured.signal.copy()
-        scale = np.sqrt(noisy.var(axis=-1, keepdims=True) * 10 ** (-SNR / 10))
-        for index, kind in enumerate(_KINDS):
-            rows = slice(index, None, len(_KINDS))
-            drawn = unit_noise(noisy[rows].shape, noise, kind, measured.sample_rate)
-            noisy[rows] += scale[rows] * drawn.astype(np.float32)
-        faster = at_other_speeds(measured.signal, STRETCH, moved)
-        clean = self._levels(self.windows)
-        self.tests = [clean[: len(measured)], self._levels(replace(measured, signal=noisy)),
-                      self._levels(replace(measured, signal=with_gains(faster, GAIN, moved)))]  # fmt: skip
-        """Levels of the measured windows under each of `_VIEWS`."""
-        band_powers, which = [clean], [np.arange(len(self.windows))]
+
+        noise_rng, change_rng = (random_stream(seed, "trial", view) for view in _VIEWS[1:])
+        noisy = _add_test_noise(measured, noise_rng)
+        faster = at_other_speeds(measured.signal, TEST_STRETCH, change_rng)
+        changed = with_gains(faster, TEST_GAIN_DB, change_rng)
+
+        clean = self._features(self.windows)
+        self.tests = [
+            clean[: len(measured)],
+            self._features(replace(measured, signal=noisy)),
+            self._features(replace(measured, signal=changed)),
+        ]
+        """Features of the measured windows under each of `_VIEWS`."""
+
+        features = [clean]
+        rows = [np.arange(len(self.windows))]
         for number in range(DISTURBED_TRAINING.epochs):
-            changed, part = transform_windows(self.windows, DISTURBED_TRAINING, seed, number + 1)
-            if len(changed):
-                band_powers.append(self._levels(part))
-                which.append(changed)
-        self.training = np.concatenate(band_powers), np.concatenate(which)
-        """(levels of every training pass, index of the window behind each row)."""
+            epoch_rows, disturbed = transform_windows(
+                self.windows, DISTURBED_TRAINING, seed, number + 1
+            )
+            if len(epoch_rows):
+                features.append(self._features(disturbed))
+                rows.append(epoch_rows)
+        self.training_features = np.concatenate(features)
+        """Features of every training pass, clean and disturbed."""
+        self.training_rows = np.concatenate(rows)
+        """Index of the window behind each."""
 
-    def _levels(self, windows: WindowSet) -> _WindowFeatures:
-        return np.concatenate(
-            [window_features(samples, None) for samples, _ in self._normalization.blocks(windows)]
-        )
+    def _features(self, windows: WindowSet) -> _WindowFeatures:
+        blocks = self._normalization.blocks(windows)
+        return np.concatenate([window_features(samples, None) for samples, _ in blocks])
 
 
-def _answers(
-    views: _Views, folds: tuple[Fold, ...], seed: int, tell: Callable[[str, int, int], None]
-) -> dict[str, list[Float64[np.ndarray, "window class"]]]:
-    """Log-probabilities of the measured windows under each view, by candidate, from the fold that
-    tested them.
+def _add_test_noise(measured: WindowSet, rng: np.random.Generator) -> np.ndarray:
+    """Return the samples with noise of each kind on a third of the windows."""
+    noisy = measured.signal.copy()
+    scale = np.sqrt(noisy.var(axis=-1, keepdims=True) * 10 ** (-TEST_SNR_DB / 10))
+    for index, kind in enumerate(_NOISE_KINDS):
+        rows = slice(index, None, len(_NOISE_KINDS))
+        noise = unit_noise(noisy[rows].shape, rng, kind, measured.sample_rate)
+        noisy[rows] += scale[rows] * noise.astype(np.float32)
+    return noisy
+
+
+def _test_candidates(
+    views: _Views, folds: tuple[Fold, ...], seed: int, report: Progress
+) -> dict[str, list[LogProbability]]:
+    """Return log-probabilities of the measured windows under each view, by candidate.
+
+    Each window's come from the fold that tested it.
     """
-    shape = len(views.measured), len(views.windows.classes)
-    answers = {candidate.name: [np.full(shape, np.nan) for _ in _VIEWS] for candidate in CANDIDATES}
-    band_powers, rows = views.training
     networks = {candidate.name: candidate.network(views.windows) for candidate in CANDIDATES}
-    for fold, (trained, tested) in enumerate(folds):
-        tell("trying candidates", fold, len(folds))
-        used = np.flatnonzero(np.isin(rows, _training_rows(views, trained, tested)))
-        values = [network.shaped(band_powers[used]) for network in networks.values()]
-        target = views.windows.target[rows[used]]
-        solve_together(list(networks.values()), values, target, derive_seed(seed, "trial", fold))
-        for view, test in enumerate(views.tests):
+    shape = (len(views.measured), len(views.windows.classes))
+    log_probability = {name: [np.full(shape, np.nan) for _ in _VIEWS] for name in networks}
+    for number, (trained, tested) in enumerate(folds):
+        report("trying candidates", number, len(folds))
+        is_used = np.isin(views.training_rows, _training_rows(views, trained, tested))
+        features = views.training_features[is_used]
+        target = views.windows.target[views.training_rows[is_used]]
+        values = [network.shaped(features) for network in networks.values()]
+        solve_together(list(networks.values()), values, target, derive_seed(seed, "trial", number))
+
+        for view, test_features in enumerate(views.tests):
             for name, network in networks.items():
-                answers[name][view][tested] = network.scores(network.shaped(test[tested]))
-    tell("trying candidates", len(folds), len(folds))
-    return answers
+                scores = network.scores(network.shaped(test_features[tested]))
+                log_probability[name][view][tested] = scores
+    report("trying candidates", len(folds), len(folds))
+    return log_probability
 
 
 def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np.ndarray:
-    """Windows to train a fold on: the measured ones of the other folds, and the synthetic ones of
-    other specimens, or all of these where a class would be missing.
+    """Return the windows to train a fold on.
+
+    These are the measured windows of the other folds, and the synthetic ones of other specimens, or
+    all synthetic ones if a class would be missing.
     """
-    others = is_made_without(views.synthetic.specimen, views.measured.specimen[tested])
-    rows = np.concatenate([trained, len(views.measured) + np.flatnonzero(others)])
-    if len(np.unique(views.windows.target[rows])) < len(np.unique(views.windows.target)):
-        rows = np.concatenate([trained, np.arange(len(views.measured), len(views.windows))])
+    is_independent = is_made_without(views.synthetic.specimen, views.measured.specimen[tested])
+    n_measured = len(views.measured)
+    rows = np.concatenate([trained, n_measured + np.flatnonzero(is_independent)])
+    n_trained_classes = len(np.unique(views.windows.target[rows]))
+    if n_trained_classes < len(np.unique(views.windows.target)):
+        rows = np.concatenate([trained, np.arange(n_measured, len(views.windows))])
     return rows
 
 
 def is_made_without(
     synthetic: Shaped[np.ndarray, " synthetic"], tested: Shaped[np.ndarray, " tested"]
 ) -> Bool[np.ndarray, " synthetic"]:
-    """Whether each synthetic specimen was made without the tested ones: "... of" a specimen is what
-    was made from windows of it; a twin is called after its pump's type.
+    """Return whether each synthetic specimen was made without the tested ones.
+
+    "... of" a specimen was made from windows of it; a twin is named after its pump's type.
     """
     names = set(tested.tolist())
     endings = tuple(f" of {name}" for name in names)
-    return np.array(
-        [not name or not (name in names or name.endswith(endings)) for name in synthetic.tolist()],
-        bool,
+    is_dependent = [
+        bool(name) and (name in names or name.endswith(endings)) for name in synthetic.tolist()
+    ]
+    return ~np.array(is_dependent, dtype=bool)
+
+
+def _out_of_fold_predictions(
+    candidate: Candidate,
+    views: _Views,
+    windows: WindowSet,
+    folds: tuple[Fold, ...],
+    log_probability: LogProbability,
+) -> OutOfFoldPredictions:
+    """Return the answers of the chosen candidate to the clean windows, across the folds."""
+    measured = views.measured
+    tested_rows = np.sort(np.concatenate([tested for _, tested in folds]))
+    fold = np.full(len(measured), -1)
+    for number, (_, tested) in enumerate(folds):
+        fold[tested] = number
+
+    represented = None
+    has_all_windows = len(windows) == len(views.windows)
+    if has_all_windows and windows.fingerprint() == views.windows.fingerprint():
+        network = candidate.network(windows)
+        represented = RepresentedWindows(
+            network.shaped(views.training_features), views.training_rows
+        )
+    return OutOfFoldPredictions(
+        probability=np.exp(log_probability[tested_rows]),
+        target=measured.target[tested_rows],
+        recording_id=measured.recording_id[tested_rows],
+        fold=fold[tested_rows],
+        represented=represented,
     )
 
 
-def _trials(
-    log_probability: dict[str, list[Float64[np.ndarray, "window class"]]],
+def _score_trials(
+    log_probability: dict[str, list[LogProbability]],
     measured: WindowSet,
     groups: Shaped[np.ndarray, " window"],
 ) -> list[Trial]:
-    first, recording = np.unique(measured.recording_id, return_index=True, return_inverse=True)[1:]
-    count, groups, target = np.bincount(recording)[:, None], groups[first], measured.target[first]
-    masks = [groups == name for name in np.unique(groups)]
+    """Score each candidate by the recall of recordings in each group."""
+    _, first, recording = np.unique(measured.recording_id, return_index=True, return_inverse=True)
+    target = measured.target[first]
+    recording_groups = groups[first]
+    group_masks = [recording_groups == name for name in np.unique(recording_groups)]
 
-    def recall(answer: np.ndarray, mask: np.ndarray) -> float:
-        pooled = np.zeros((len(first), answer.shape[1]))
-        np.add.at(pooled, recording, answer)
-        right = likeliest_class(pooled / count) == target
-        return float(
-            np.mean([right[mask & (target == index)].mean() for index in np.unique(target[mask])])
+    recalls_by_group: dict[str, np.ndarray] = {}
+    total_recalls: dict[str, np.ndarray] = {}
+    for name, by_view in log_probability.items():
+        is_right = [_recordings_right(answers, recording, target) for answers in by_view]
+        recalls_by_group[name] = np.array(
+            [[_mean_recall(view[mask], target[mask]) for view in is_right] for mask in group_masks]
         )
+        total_recalls[name] = np.array([_mean_recall(view, target) for view in is_right])
 
-    def error(scores: np.ndarray) -> float:
-        return float(scores.std(ddof=1) / np.sqrt(len(scores))) if len(scores) > 1 else 0.0
-
-    tables = {
-        name: np.array(
-            [
-                [recall(view, mask) for view in part]
-                for mask in (*masks, np.ones(len(first), dtype=bool))
-            ]
-        )
-        for name, part in log_probability.items()
+    # The mean of the clean view and of the disturbed ones.
+    scores_by_group = {
+        name: (recalls[:, 0] + recalls[:, 1:].mean(axis=1)) / 2
+        for name, recalls in recalls_by_group.items()
     }
-    by_group = {
-        name: (table[:-1, 0] + table[:-1, 1:].mean(axis=1)) / 2 for name, table in tables.items()
-    }
-    best = max(by_group.values(), key=np.mean)
-    least = best.mean() - error(best)
+    best = max(scores_by_group.values(), key=np.mean)
+    min_score = best.mean() - _standard_error(best) - _TIE_TOLERANCE
     return [
         Trial(
             candidate=name,
             score=float(scores.mean()),
-            standard_error=error(scores),
-            clean=float(tables[name][-1, 0]),
-            disturbed=float(tables[name][-1, 1:].mean()),
-            is_tied=bool(scores.mean() >= least - 1e-12),
+            standard_error=_standard_error(scores),
+            clean=float(total_recalls[name][0]),
+            disturbed=float(total_recalls[name][1:].mean()),
+            is_tied=bool(scores.mean() >= min_score),
         )
-        for name, scores in by_group.items()
+        for name, scores in scores_by_group.items()
     ]
+
+
+def _recordings_right(
+    log_probability: LogProbability,
+    recording: Int64[np.ndarray, " window"],
+    target: Int64[np.ndarray, " recording"],
+) -> Bool[np.ndarray, " recording"]:
+    """Return whether each recording is classified right by the mean log-probability."""
+    pooled = np.zeros((len(target), log_probability.shape[1]))
+    np.add.at(pooled, recording, log_probability)
+    n_windows = np.bincount(recording)[:, None]
+    return np.asarray(likeliest_class(pooled / n_windows) == target)
+
+
+def _mean_recall(is_right: Bool[np.ndarray, " recording"], target: np.ndarray) -> float:
+    return float(np.mean([is_right[target == index].mean() for index in np.unique(target)]))
+
+
+def _standard_error(scores: Float64[np.ndarray, " group"]) -> float:
+    if len(scores) < 2:
+        return 0.0
+    return float(scores.std(ddof=1) / np.sqrt(len(scores)))

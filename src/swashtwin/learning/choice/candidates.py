@@ -1,4 +1,4 @@
-"""The candidates that training chooses from, how each fared, and what was chosen."""
+"""Candidates that training chooses from, their trials, and the choice."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -18,8 +18,8 @@ DISTURBED_TRAINING = TrainingSettings(
     gain=12.0,
     stretch=0.02,
 )
-"""Training on the windows as they are and four times changed: noise to -2.5 dB on every window,
-gains to 12 dB a channel and speeds to 2 % on half of them each.
+"""Training on the measured windows and four disturbed copies: noise down to -2.5 dB on every window,
+gains up to 12 dB per channel and speeds up to 2 % on half of them each.
 """
 
 
@@ -32,27 +32,27 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """What it is called in a table: ``band_shapes`` or ``band_powers``."""
+        """Its name in a table: ``band_shapes`` or ``band_powers``."""
         return "band_shapes" if self.shape else "band_powers"
 
     def network(self, windows: WindowSet) -> BandPowerNetwork:
-        """Its untrained network for windows."""
+        """Return its untrained network for windows."""
         return BandPowerNetwork(windows.n_channels, len(windows.classes), shape=self.shape)
 
 
 CANDIDATES = (Candidate(shape=True), Candidate(shape=False))
-"""What training chooses from, the more invariant first.
+"""The candidates, the more invariant one first.
 
-Of 24 kinds tried (lines at orders or in hertz, trained clean or disturbed, by each head or both) a
-trial with two pumps to train on, or with four bearings, chose by chance: on rig fleets 100 and 101
-of version 2 what it chose named 0.67 and 0.64 of the recordings of new pumps right, these two 0.66
-to 0.67 and 0.82 to 0.83.
+With 24 kinds (lines at orders or in hertz, trained clean or disturbed, by each head or both) a
+trial with two pumps to train on, or with four bearings, chose by chance. On rig fleets 100 and 101
+of version 2 the chosen one of 24 classified 0.67 and 0.64 of the recordings of new pumps right,
+these two 0.66 to 0.67 and 0.82 to 0.83.
 """
 
 
 @dataclass(frozen=True)
 class Trial:
-    """How one candidate fared on recordings that its training did not see."""
+    """Result of one candidate on recordings that its training did not see."""
 
     candidate: str
     score: float
@@ -60,23 +60,21 @@ class Trial:
     standard_error: float
     """Standard error of `score`, between the groups; 0 with one group."""
     clean: float
-    """Mean over the classes of the share of recordings told right, as they were measured."""
+    """Mean recall over the classes, by recording, without disturbance."""
     disturbed: float
-    """The same under noise at 5 dB, and under other gains and speeds, on average."""
+    """The mean of the same under noise at 5 dB, and under other gains and speeds."""
     is_tied: bool
     """Whether its score is within one standard error of the best one."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The trials of all candidates, and the one chosen."""
+    """The trials of all candidates, and the chosen one."""
 
     candidate: str
-    """Name of the candidate chosen, of those tied with the best; see `choose_candidate`."""
+    """Name of the chosen candidate, the first of those tied with the best; see `choose_candidate`."""
     trials: tuple[Trial, ...]
-    """Every candidate tried, in the declared order; none where the recordings are too few for a
-    trial.
-    """
+    """All candidates tried, in the declared order; none if the recordings are too few for a trial."""
     group: str
     """What inner folds kept whole: ``"specimen"``, ``"condition"`` or ``"recording"``; empty
     without a trial.
@@ -85,40 +83,45 @@ class Choice:
     n_windows: int
     """Measured windows that were tested on."""
     reason: str
-    """Why there was no trial; empty where there was one."""
+    """Why there was no trial; empty if there was one."""
     n_machines: int = 0
-    """Machines that it rests on; 0 where folds did not leave machines out."""
+    """Machines that it rests on; 0 if folds did not leave machines out."""
     head_recalls: Mapping[str, float] = field(default_factory=dict)
     """Mean recall, by recording, of each head on whole recordings, and of all heads together
-    ``"without baseline"`` of the machine and ``"with baseline"``; empty
-    where recordings are too short.
+    ``"without baseline"`` of the machine and ``"with baseline"``; empty if recordings are too short.
     """
 
     def sentence(self) -> str:
-        """The choice in words."""
+        """Describe the choice in sentences."""
         if not self.trials:
             return f"Chosen without a trial: {self.candidate} ({self.reason})."
+
         trial = next(trial for trial in self.trials if trial.candidate == self.candidate)
-        tied = sum(trial.is_tied for trial in self.trials)
-        others = f"; one of {tied} that are as good within one standard error" if tied > 1 else ""
         text = (
-            f"Chosen: {self.candidate}, {100 * trial.clean:.0f} % of the recordings of unseen {self.group}s right, "
-            f"{100 * trial.disturbed:.0f} % under noise, gain and speed{others}."
+            f"Chosen: {self.candidate}, which classified {100 * trial.clean:.0f} % of the "
+            f"recordings of held-out {self.group}s right, and {100 * trial.disturbed:.0f} % under "
+            "noise and other gains and speeds"
         )
+        n_tied = sum(trial.is_tied for trial in self.trials)
+        if n_tied > 1:
+            text += f"; one of {n_tied} that are as good within one standard error"
+        text += "."
+
         if self.head_recalls:
-            unaided, aided = (
-                self.head_recalls.get(f"{kind} baseline") for kind in ("without", "with")
-            )
-            text += f" With heads on whole recordings {100 * (unaided or 0):.0f} %"
-            text += (
-                "."
-                if aided is None
-                else f", and {100 * aided:.0f} % with healthy recordings of the same machine."
-            )
+            without_baseline = 100 * self.head_recalls.get("without baseline", 0.0)
+            text += f" With heads on whole recordings {without_baseline:.0f} %"
+            with_baseline = self.head_recalls.get("with baseline")
+            if with_baseline is not None:
+                text += (
+                    f", and {100 * with_baseline:.0f} % with healthy recordings of the same machine"
+                )
+            text += "."
         if self.n_machines:
             text += f" This rests on {plural(self.n_machines, 'machine')}."
         return text
 
     def to_dict(self) -> dict[str, Any]:
-        """The same as JSON can hold it."""
-        return {**asdict(self), "trials": [asdict(trial) for trial in self.trials]}
+        """Return the choice as JSON can hold it."""
+        table = asdict(self)
+        table["trials"] = [asdict(trial) for trial in self.trials]
+        return table

@@ -1,7 +1,7 @@
-"""`fit`: from an untrained network and windows to a classifier."""
+"""Fit an untrained network to windows."""
 
 from collections.abc import Callable, Iterable
-from itertools import chain
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,14 +22,18 @@ from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 from swashtwin.recordings import Manifest, join_manifests
 
-RepresentedWindows = tuple[Float32[np.ndarray, "row value"], Int[np.ndarray, " row"]]
-"""What a network sees of windows as they are and as each epoch changes them, and the window behind
-each row.
-"""
-_LARGEST = 1e16
-"""Magnitude of a sample from which the power of a window is no finite number in single
-precision.
-"""
+
+@dataclass(frozen=True, eq=False)
+class RepresentedWindows:
+    """Windows as a solved network sees them: first the originals, then those of each epoch."""
+
+    values: Float32[np.ndarray, "row value"]
+    rows: Int[np.ndarray, " row"]
+    """Index of the window behind each row of `values`."""
+
+
+_MAX_SAMPLE = 1e16
+"""Magnitude of a sample from which the power of a window is not finite in single precision."""
 
 
 def fit(
@@ -43,13 +47,13 @@ def fit(
     resume: bool = False,
     progress: Callable[[Epoch], None] | None = None,
     device: str = "cpu",
-    seen: RepresentedWindows | None = None,
+    represented: RepresentedWindows | None = None,
 ) -> FittedClassifier:
-    """Classifier trained on `windows`, as it stands after the last epoch.
+    """Train a network on `windows`; the classifier is the state after the last epoch.
 
-    `network` gives the architecture only and stays as it is: a network of the same settings is
-    trained, or solved for on the windows and those that each epoch would change. Same seed,
-    windows, settings and machine: same bits. On the CPU it runs on one thread.
+    `network` gives the architecture only and is not changed: a network of the same settings is
+    trained, or solved for on the windows and those that each epoch would change. The same seed,
+    windows, settings and machine give the same bits. On the CPU it runs on one thread.
 
     Parameters
     ----------
@@ -60,57 +64,44 @@ def fit(
     manifest : further recordings, as a manifest or by their ids, that had a part in the training
         windows, such as those a twin was calibrated on. They join the training recordings in the
         classifier's manifest, which no test set may meet.
-    checkpoint : file that the run is saved to after each epoch, where there are epochs.
+    checkpoint : file that the run is saved to after each epoch, if there are epochs.
     resume : continue from `checkpoint` if it exists; the result has the same bits as a run without
         interruption.
     progress : called after each epoch.
     device : ``"cpu"`` or a GPU such as ``"cuda"``; the classifier comes back on the CPU.
-    seen : what a network that is solved for sees of these windows and settings, where it is at
-        hand.
+    represented : the windows as a solved network sees them under these settings, if known.
 
     Raises
     ------
     DataError
         A class has no window, or a window has no label.
     InputError
-        Network and windows do not fit, the loss ran away, or the checkpoint is of another run.
+        Network and windows do not fit, the loss diverged, or the checkpoint is of another run.
     """
     _require_fitting(network, windows)
-    used = join_manifests([windows.sources, manifest])
+    full_manifest = join_manifests([windows.sources, manifest])
     normalization = Normalization.fit(settings.normalization, windows)
     trained: AnyNetwork
     if isinstance(network, SolvedNetwork):
         if device != "cpu":
             raise InputError(
-                f"device {device!r}: the network {network.name!r} is solved for on the cpu."
+                f"The network {network.name!r} is solved for on the CPU, not on {device!r}.",
+                field="device",
+                remedy="Set {device='cpu'}.",
             )
         with one_thread():
-            seen = seen or _seen(network, windows, normalization, settings, seed)
-            trained, history = _solved(network, windows, seen, seed)
+            if represented is None:
+                represented = _represent(network, windows, normalization, settings, seed)
+            trained, history = _solve(network, windows, represented, seed)
     else:
-        from swashtwin.learning.training.loop import train_epochs
+        # torch takes long to import, and solved networks do not need it.
+        from swashtwin.learning.training.loop import TrainingRun, train_epochs
 
-        run = {
-            "network": network.name,
-            **{f"network's {name}": value for name, value in network.settings.items()},
-            **settings.to_dict(),
-            "seed": seed,
-            "device": device,
-            "training data (SHA-256)": windows.fingerprint(),
-            "manifest": used,
-        }
+        run = TrainingRun(network, windows, normalization, settings, seed, full_manifest, device)
         trained, history = train_epochs(
-            network,
-            windows,
-            normalization,
-            settings,
-            seed,
-            run,
-            checkpoint,
-            resume,
-            progress,
-            device,
+            run, checkpoint=checkpoint, resume=resume, progress=progress
         )
+
     return FittedClassifier(
         network=trained,
         classes=windows.classes,
@@ -119,45 +110,56 @@ def fit(
         settings=settings,
         seed=seed,
         history=history,
-        manifest=used,
+        manifest=full_manifest,
         pressures=distinct_values(windows.cell_pressure),
         speeds=distinct_values(windows.speed),
         training_reference=build_reference(windows, reference_features(windows)),
     )
 
 
-def _seen(
+def _represent(
     network: SolvedNetwork,
     windows: WindowSet,
     normalization: Normalization,
     settings: TrainingSettings,
     seed: int,
 ) -> RepresentedWindows:
-    values, rows, clean = list[np.ndarray](), list[np.ndarray](), (np.arange(len(windows)), windows)
-    changed = (
-        transform_windows(windows, settings, seed, number + 1) for number in range(settings.epochs)
-    )
-    for which, part in chain([clean], changed):
-        values += [network.represent_at(*block) for block in normalization.blocks(part)]
-        rows.append(which)
-    return np.concatenate(values), np.concatenate(rows)
+    """Return the windows, and those that each epoch changes, as a network sees them."""
+    values: list[np.ndarray] = []
+    rows = [np.arange(len(windows))]
+
+    def append_values(part: WindowSet) -> None:
+        values.extend(network.represent_at(*block) for block in normalization.blocks(part))
+
+    append_values(windows)
+    for number in range(settings.epochs):
+        epoch_rows, changed = transform_windows(windows, settings, seed, number + 1)
+        append_values(changed)
+        rows.append(epoch_rows)
+    return RepresentedWindows(np.concatenate(values), np.concatenate(rows))
 
 
-def _solved(
-    network: SolvedNetwork, windows: WindowSet, seen: RepresentedWindows, seed: int
+def _solve(
+    network: SolvedNetwork, windows: WindowSet, represented: RepresentedWindows, seed: int
 ) -> tuple[SolvedNetwork, tuple[Epoch, ...]]:
-    """(the network with weights from what it sees of the windows, how it fares)."""
+    """Return the solved network, and its loss and accuracy on the original windows."""
     solved = type(network)(**network.settings)
-    solved.solve(seen[0], windows.target[seen[1]], seed)
-    scores = solved.scores(seen[0][: len(windows)])
+    solved.solve(represented.values, windows.target[represented.rows], seed)
+
+    scores = solved.scores(represented.values[: len(windows)])
     loss = -scores[np.arange(len(scores)), windows.target].mean()
     accuracy = (scores.argmax(axis=1) == windows.target).mean()
     return solved, (Epoch(1, float(loss), float(accuracy)),)
 
 
 def require_trainable(windows: WindowSet) -> None:
-    """Raise a `DataError` where there is no window, one without a label, one class, a class without
-    a window, or a sample that is far too large.
+    """Require windows that a classifier can be trained on.
+
+    Raises
+    ------
+    DataError
+        There is no window, one without a label, only one class, a class without a window, or a
+        sample that is far too large.
     """
     windows.require_any("to train on")
     windows.require_labels("training")
@@ -165,27 +167,31 @@ def require_trainable(windows: WindowSet) -> None:
     counts = np.bincount(windows.target, minlength=len(windows.classes))
     if not counts.all():
         raise DataError(
-            f"class {windows.classes[int(counts.argmin())]} has no training window; add measured or synthetic ones, or "
-            "cut the windows without this class."
+            f"The class {windows.classes[int(counts.argmin())]} has no training window. Add "
+            "measured or synthetic ones, or cut the windows without this class."
         )
+
     peak = np.maximum(windows.signal.max(axis=(1, 2)), -windows.signal.min(axis=(1, 2)))
-    if not (peak < _LARGEST).all():
-        index = int((~(peak < _LARGEST)).argmax())
+    is_too_large = ~(peak < _MAX_SAMPLE)  # also NaN
+    if is_too_large.any():
+        row = int(is_too_large.argmax())
         raise DataError(
-            f"{windows.recording_id[index]}: samples reach {peak[index]:.3g} {windows.unit}, far too large to train "
-            "on; cut them out or repair the file."
+            f"{windows.recording_id[row]}: samples reach {peak[row]:.3g} {windows.unit}, which is "
+            "far too large to train on. Cut them out or repair the file."
         )
 
 
 def _require_fitting(network: AnyNetwork, windows: WindowSet) -> None:
+    """Require windows that can be trained on and fit the network."""
     require_trainable(windows)
-    if network.n_channels != windows.n_channels or network.n_classes != len(windows.classes):
+    n_classes = len(windows.classes)
+    if network.n_channels != windows.n_channels or network.n_classes != n_classes:
         raise InputError(
-            f"the network takes {network.n_channels} channel(s) and {network.n_classes} classes, the windows have "
-            f"{windows.n_channels} and {len(windows.classes)}; build it for these windows."
+            f"The network takes {network.n_channels} channel(s) and {network.n_classes} classes, "
+            f"the windows have {windows.n_channels} and {n_classes}. Build it for these windows."
         )
     length = network.settings.get("length", windows.length)
     if length != windows.length:
         raise InputError(
-            f"the network is built for windows of {length} samples, these have {windows.length}."
+            f"The network is built for windows of {length} samples, these have {windows.length}."
         )

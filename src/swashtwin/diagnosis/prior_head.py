@@ -1,9 +1,8 @@
-"""What a prior makes of a machine's recordings: levels at shaft orders, changes laid on healthy
-scatter, a network.
+"""The network that a prior trains for one machine, on changes in units of its healthy scatter.
 
 Changes of measured and of virtual recordings alike are divided by the healthy scatter of their own
-pump; the directions in which the machine's healthy recordings differ are shrunk by 1 / sqrt(1 + v /
-lambda), v being the variance along each (as structural health monitoring removes temperature and
+pump. The directions in which the machine's healthy recordings differ are shrunk by 1 / sqrt(1 + v /
+lambda), where v is the variance along each (as structural health monitoring removes temperature and
 load: arXiv 2409.17735). Then a small network learns the classes of the virtual changes.
 """
 
@@ -19,180 +18,197 @@ from swashtwin.foundation import DataError, InputError
 from swashtwin.recordings import Recording
 from swashtwin.signals import TURNS, OrderBands, recording_density, require_shaft_frequency
 
-_SPEED_REACH = 0.012
-"""How far the speed may be from what a recording states, relative."""
-_LEAST_PASSES = 12
-"""Piston passes that a sample rate must allow."""
+_MAX_SPEED_DEVIATION = 0.012
+"""Largest relative deviation of the speed from the one that a recording specifies."""
+_N_SPEED_CANDIDATES = 97
+_MIN_PASSES = 12
+"""Piston passes that must lie below half the sample rate."""
+
+LAMBDA = 0.1
+"""Variance, in squared healthy scatters, from which a healthy direction is shrunk; selected on
+fleets 100-103 of both versions of the rig."""
+TEMPERATURE = 1.5
+"""Divides the network's logits. On virtual pumps whose program of effects was not trained, the
+likelihood is flat from 1.1 to 1.6."""
+UNKNOWN_RATE = 0.05
+"""Share of virtual recordings of the prior's own classes that are called unknown."""
+MIN_LINE_CHANGE = 1.5
+"""Root mean square of the lines' changes, in healthy scatters, up to which only the noise floor
+counts as changed."""
+FEW_SHOT_WEIGHT = 30.0
+"""Weight of a measured fault, where a virtual recording of a fault has 1."""
+_BACKGROUND_WEIGHT = 0.5
+"""Weight of virtual recordings that are healthy or of an unknown fault."""
+_N_PRIOR_SCATTER = 6
+"""Recordings for which the typical scatter of virtual pumps counts in a pump's scatter."""
+_N_REFERENCES = 4
+"""Recordings from which the scatter of a virtual pump is estimated."""
+_HELD_OUT_INTERVAL = 7
+"""Every 7th virtual pump is held out of the training, to learn which answers are unknown."""
+_N_UNITS = 64
+_N_EPOCHS = 24
 
 
 def order_band_powers(
     recording: Recording, bands: OrderBands
 ) -> Float64[np.ndarray, "channel level"]:
-    """Levels of each channel (`OrderBands.log_powers`), from power densities (Welch, Hann taper) of
-    eight turns each.
+    """Return the powers of each channel in bands of orders [log10 of the squared unit].
 
-    Lines of piston passes say the speed better than what was stated; orders are those of the speed
-    that they say. Levels of bands beyond half the sample rate are NaN.
+    They come from power densities (Welch, Hann taper) of eight turns each. The lines of the piston
+    passes show the speed more exactly than the recording specifies it, and orders refer to the
+    speed that they show. Powers of bands beyond half the sample rate are NaN.
 
     Raises
     ------
     DataError
-        The recording is unfit, shorter than eight turns, states no speed, or its rate is too low
-        for the first bands.
+        The recording cannot be used, is shorter than eight turns, does not specify its speed, or
+        its rate is too low for the first bands.
     """
-    shaft, rate = require_shaft_frequency(recording), float(recording.sample_rate)
-    lowest = _LEAST_PASSES * bands.piston_count * shaft
-    if lowest > rate / 2:
+    shaft = require_shaft_frequency(recording)
+    rate = float(recording.sample_rate)
+    max_frequency = _MIN_PASSES * bands.piston_count * shaft
+    if max_frequency > rate / 2:
         raise DataError(
-            f"{recording.recording_id} is sampled at {rate:g} Hz; a prior looks at {_LEAST_PASSES} piston passes at "
-            f"least, which take {2 * lowest:.0f} Hz."
+            f"{recording.recording_id} is sampled at {rate:g} Hz; a prior needs at least "
+            f"{_MIN_PASSES} piston passes, so at least {2 * max_frequency:.0f} Hz."
         )
+
     length = scipy.fft.next_fast_len(math.ceil(TURNS * rate / shaft), real=True)
-    power, width = recording_density(recording, length) * (rate / length), rate / length / shaft
-    return bands.log_powers(power, width / _speed_ratio(power, width, bands))
+    line_width = rate / length
+    power = recording_density(recording, length) * line_width
+    order_width = line_width / shaft
+    return bands.log_powers(power, order_width / _speed_ratio(power, order_width, bands))
 
 
 def _speed_ratio(
-    power: Float64[np.ndarray, "channel cell"], width: float, bands: OrderBands
+    power: Float64[np.ndarray, "channel cell"], order_width: float, bands: OrderBands
 ) -> float:
-    """Speed over the stated one at which the piston passes stand out most."""
-    ratios = 1 + np.linspace(-_SPEED_REACH, _SPEED_REACH, 97)
-    passes = np.arange(1, bands.passes + 1) * bands.piston_count
+    """Return the speed over the specified one at which the piston passes are strongest."""
+    ratios = 1 + np.linspace(-_MAX_SPEED_DEVIATION, _MAX_SPEED_DEVIATION, _N_SPEED_CANDIDATES)
+    pass_orders = np.arange(1, bands.passes + 1) * bands.piston_count
     level = np.log10(np.maximum(power, 1e-30)).mean(axis=0)
-    cells = ratios[:, None] * passes / width
-    return float(ratios[np.interp(cells, np.arange(level.size), level).mean(axis=1).argmax()])
 
-
-LAMBDA = 0.1
-"""Variance, in squared healthy scatters, from which a healthy direction is shrunk; chosen on fleets
-100-103 of both versions of the rig.
-"""
-TEMPERATURE = 1.5
-"""Divides the network's logits: on virtual pumps whose program of effects taught nothing, the
-likelihood is flat from 1.1 to 1.6.
-"""
-UNKNOWN_RATE = 0.05
-"""Share of virtual recordings of the prior's own classes that are called unlike them."""
-MOVED = 1.5
-"""Root mean square of the lines' changes, in healthy scatters, up to which only the noise floor
-counts as changed.
-"""
-FEW_SHOT_WEIGHT = 30.0
-"""What a measured fault counts against a virtual recording."""
-_USUAL = 6
-"""Recordings for which the usual scatter of virtual pumps counts in a pump's own."""
-_REFERENCES = 4
-"""Recordings that a virtual pump's own scatter comes from."""
-_HELD_OUT = 7
-"""Every so manyth virtual pump teaches nothing and says what is unlike the prior."""
-_UNITS, _EPOCHS = 64, 24
+    cells = ratios[:, None] * pass_orders / order_width
+    pass_levels = np.interp(cells, np.arange(level.size), level).mean(axis=1)
+    return float(ratios[pass_levels.argmax()])
 
 
 @dataclass(frozen=True, eq=False)
 class VirtualChanges:
-    """Changes of virtual pumps, as `synthesis.OrderChanges` has them."""
+    """Changes of virtual pumps, with the fields of `synthesis.OrderChanges`."""
 
     change: Float[np.ndarray, "row channel level"]
     """Change of each recording."""
     target: Int[np.ndarray, " row"]
-    """Its class; the last class is whatever is none of the others."""
+    """Its class; the last class is any other fault."""
     number: Int[np.ndarray, " row"]
     """Row of its pump."""
     scatter: Float[np.ndarray, "pump channel level"]
     """Healthy scatter of each pump."""
     drawn: Bool[np.ndarray, " pump"]
-    """Whether a pump has a drawing of its own."""
+    """Whether a pump has its own random drawing, rather than the design's."""
 
-    def require_shape(self, n_channels: int, n_band_powers: int, n_classes: int) -> None:
-        """Refuse arrays that do not fit each other."""
-        rows, pumps, shape = len(self.change), len(self.scatter), (n_channels, n_band_powers)
-        if (
-            self.change.shape[1:] != shape
-            or self.scatter.shape[1:] != shape
-            or len(self.drawn) != pumps
-        ):
-            raise InputError("its virtual pumps do not fit the channels and levels.")
-        for values, limit in ((self.target, n_classes), (self.number, pumps)):
-            if values.shape != (rows,) or (rows and not 0 <= values.min() <= values.max() < limit):
+    def require_shape(self, n_channels: int, n_levels: int, n_classes: int) -> None:
+        """Raise an `InputError` if the arrays do not fit each other."""
+        n_rows = len(self.change)
+        n_pumps = len(self.scatter)
+        shapes = {self.change.shape[1:], self.scatter.shape[1:]}
+        if shapes != {(n_channels, n_levels)} or len(self.drawn) != n_pumps:
+            raise InputError("its virtual pumps do not fit the channels and band powers.")
+
+        for indices, limit in ((self.target, n_classes), (self.number, n_pumps)):
+            is_within = not n_rows or 0 <= indices.min() <= indices.max() < limit
+            if indices.shape != (n_rows,) or not is_within:
                 raise InputError("its virtual recordings do not fit their classes and pumps.")
 
-    def of(self, pumps: Bool[np.ndarray, " pump"], channels: list[int]) -> "VirtualChanges":
-        """Those of some pumps and channels in double precision."""
+    def subset(self, pumps: Bool[np.ndarray, " pump"], channels: list[int]) -> "VirtualChanges":
+        """Return the changes of some pumps and channels in double precision."""
         rows = pumps[self.number]
-        number = (np.cumsum(pumps) - 1)[self.number[rows]]
-        change, scatter = (
-            part[:, channels].astype(float) for part in (self.change[rows], self.scatter[pumps])
+        new_numbers = np.cumsum(pumps) - 1
+        return VirtualChanges(
+            change=self.change[rows][:, channels].astype(float),
+            target=self.target[rows],
+            number=new_numbers[self.number[rows]],
+            scatter=self.scatter[pumps][:, channels].astype(float),
+            drawn=self.drawn[pumps],
         )
-        return VirtualChanges(change, self.target[rows], number, scatter, self.drawn[pumps])
 
-    def measured(self, band_powers: Bool[np.ndarray, "channel level"]) -> "VirtualChanges":
-        """The same, zero in levels that a machine's recordings lack."""
-        return replace(self, change=self.change * band_powers, scatter=self.scatter * band_powers)
+    def keep_measured(self, is_measured: Bool[np.ndarray, "channel level"]) -> "VirtualChanges":
+        """Return the same, with zeros for band powers that a machine's recordings lack."""
+        return replace(self, change=self.change * is_measured, scatter=self.scatter * is_measured)
 
 
 @dataclass(frozen=True, eq=False)
 class PriorHead:
-    """What maps changes of one machine to classes."""
+    """Network from changes of one machine to classes."""
 
     scale: Float64[np.ndarray, " column"]
-    """Healthy scatter of each level; 0 for one that is not looked at."""
+    """Healthy scatter of each band power; 0 for one that is not used."""
     line_scale: Float64[np.ndarray, " line"]
-    """The same of the lines (`_lines`)."""
+    """The same of the lines (`_line_changes`)."""
     direction: Float64[np.ndarray, "direction column"]
     """Directions in which healthy recordings differ."""
     shrinkage: Float64[np.ndarray, " direction"]
-    """What is taken away along each."""
+    """Share that is removed along each direction."""
     inner: Float64[np.ndarray, "column unit"]
     """Weights of the first layer."""
     inner_bias: Float64[np.ndarray, " unit"]
-    """Their biases."""
+    """Biases of the first layer."""
     outer: Float64[np.ndarray, "unit class"]
     """Weights of the second layer."""
     outer_bias: Float64[np.ndarray, " class"]
-    """Their biases."""
-    strange: Float64[np.ndarray, " recording"]
-    """Probability of the last class for virtual recordings of the others that taught nothing,
-    rising.
-    """
+    """Biases of the second layer."""
+    unknown_scores: Float64[np.ndarray, " recording"]
+    """Probability of the last class for held-out virtual recordings of the other classes,
+    ascending."""
 
     def require_shape(self, width: int, n_classes: int) -> None:
-        """Refuse arrays that do not fit each other."""
-        units = len(self.inner_bias)
+        """Raise an `InputError` if the arrays do not fit each other."""
+        n_units = len(self.inner_bias)
         fits = (
-            self.inner.shape == (width, units)
-            and self.outer.shape == (units, n_classes)
+            self.inner.shape == (width, n_units)
+            and self.outer.shape == (n_units, n_classes)
             and self.outer_bias.shape == (n_classes,)
             and self.direction.shape == (self.shrinkage.size, width)
             and self.scale.shape == (width,)
         )
         if not fits:
-            raise InputError("its network does not fit the classes and levels.")
+            raise InputError("its network does not fit the classes and band powers.")
 
     def predict_proba(
         self, change: Float[np.ndarray, "row channel level"]
     ) -> Float64[np.ndarray, "row class"]:
-        """Probability of each class."""
-        return self._answer(_columns(_flat(change), self.scale, self.direction, self.shrinkage))
+        """Return the probability of each class."""
+        inputs = _network_inputs(_flatten(change), self.scale, self.direction, self.shrinkage)
+        return self.answer_inputs(inputs)
 
-    def _answer(self, columns: Float[np.ndarray, "row column"]) -> Float64[np.ndarray, "row class"]:
-        hidden = np.maximum(columns @ self.inner + self.inner_bias, 0)
+    def answer_inputs(
+        self, inputs: Float[np.ndarray, "row column"]
+    ) -> Float64[np.ndarray, "row class"]:
+        """Return the probability of each class from the network's inputs."""
+        hidden = np.maximum(inputs @ self.inner + self.inner_bias, 0)
         logits = (hidden @ self.outer + self.outer_bias) / TEMPERATURE
         shares = np.exp(logits - logits.max(axis=-1, keepdims=True))
         return np.asarray(shares / shares.sum(axis=-1, keepdims=True))
 
-    def lines_moved(self, change: Float[np.ndarray, "channel level"], bands: OrderBands) -> bool:
-        """Whether lines changed more than between healthy recordings, rather than the noise floor
-        alone.
-        """
-        scaled = _scaled(_lines(change[None], bands), self.line_scale)[0, self.line_scale > 0]
-        return bool(np.mean(scaled**2) > MOVED**2)
+    def have_lines_changed(
+        self, change: Float[np.ndarray, "channel level"], bands: OrderBands
+    ) -> bool:
+        """Whether lines changed more than between healthy recordings, and not the floor alone."""
+        lines = _line_changes(change[None], bands)
+        scaled = _divide_by_scatter(lines, self.line_scale)[0, self.line_scale > 0]
+        return bool(np.mean(scaled**2) > MIN_LINE_CHANGE**2)
 
     def p_value(self, probability: float) -> float:
-        """Share of virtual recordings of the classes whose probability of being none of them is as
-        high as this one.
+        """Return the p-value of belonging to one of the classes.
+
+        It is the share of virtual recordings of the classes whose probability of an unknown fault
+        is at least as high.
         """
-        above = self.strange.size - int(np.searchsorted(self.strange, probability * (1 - 1e-9)))
-        return (above + 1) / (self.strange.size + 1)
+        n = self.unknown_scores.size
+        # The tolerance counts an equal probability although it was computed in another order.
+        rank = int(np.searchsorted(self.unknown_scores, probability * (1 - 1e-9)))
+        return (n - rank + 1) / (n + 1)
 
 
 def fit_head(
@@ -204,98 +220,143 @@ def fit_head(
     *,
     seed: int = 0,
 ) -> PriorHead:
-    """Head of a machine from the changes of its healthy recordings among each other, and from
-    measured faults if any.
+    """Train the head of a machine on virtual pumps, its healthy recordings and measured faults.
 
     Parameters
     ----------
-    healthy : scaled to the variance of a single recording; NaN in levels that the sample rate does
-        not allow.
-    bands : of the levels.
-    measured, target : changes of measured faults and their classes.
+    healthy : changes of its healthy recordings among each other, scaled to the variance of a single
+        recording; NaN in bands beyond half the sample rate.
+    bands : bands of the changes.
+    measured, target : changes of measured faults, if any, and their classes.
     """
+    healthy_virtual = virtual.change[virtual.target == 0]
+    scale = _healthy_scatter(_flatten(healthy_virtual), _flatten(healthy))
+    line_scale = _healthy_scatter(
+        _line_changes(healthy_virtual, bands), _line_changes(healthy, bands)
+    )
+
+    # A virtual pump's own scatter, shrunk toward that of all, since its references are few.
+    mean_square = np.mean(_flatten(healthy_virtual) ** 2, axis=0)
+    virtual_scale = np.sqrt(
+        (_N_PRIOR_SCATTER * mean_square + _N_REFERENCES * _flatten(virtual.scatter) ** 2)
+        / (_N_PRIOR_SCATTER + _N_REFERENCES)
+    )
+    virtual_scale[:, scale == 0] = 0
+
+    scaled_healthy = _divide_by_scatter(_flatten(healthy), scale)
+    _, singular_values, direction = np.linalg.svd(scaled_healthy, full_matrices=False)
+    variance = singular_values**2 / max(len(scaled_healthy), 1)
+    shrinkage = 1 - 1 / np.sqrt(1 + variance / LAMBDA)
+
+    virtual_inputs = _network_inputs(
+        _flatten(virtual.change), virtual_scale[virtual.number], direction, shrinkage
+    )
+    machine_inputs = _network_inputs(
+        _flatten(np.concatenate([measured, healthy])), scale, direction, shrinkage
+    )
+
+    is_trained = virtual.number % _HELD_OUT_INTERVAL > 0
+    n_classes = int(virtual.target.max()) + 1
+    virtual_classes = virtual.target[is_trained]
+    machine_classes = np.concatenate([target, np.zeros(len(healthy), dtype=np.int64)])
+    is_background = np.isin(virtual_classes, (0, n_classes - 1))
+    weight = np.concatenate(
+        [
+            np.where(is_background, _BACKGROUND_WEIGHT, 1.0),
+            np.where(machine_classes == 0, 1.0, FEW_SHOT_WEIGHT),
+        ]
+    )
+    inner, inner_bias, outer, outer_bias = _train_network(
+        np.concatenate([virtual_inputs[is_trained], machine_inputs]),
+        np.concatenate([virtual_classes, machine_classes]),
+        weight,
+        seed,
+    )
+
+    head = PriorHead(
+        scale=scale,
+        line_scale=line_scale,
+        direction=direction,
+        shrinkage=shrinkage,
+        inner=inner,
+        inner_bias=inner_bias,
+        outer=outer,
+        outer_bias=outer_bias,
+        unknown_scores=np.empty(0),
+    )
+    is_held_out = ~is_trained & (virtual.target < n_classes - 1)
+    held_out_answers = head.answer_inputs(virtual_inputs[is_held_out])
+    return replace(head, unknown_scores=np.sort(held_out_answers[:, -1]))
+
+
+def _train_network(
+    inputs: Float64[np.ndarray, "row column"],
+    classes: Int[np.ndarray, " row"],
+    weight: Float64[np.ndarray, " row"],
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the weights and biases of both layers: inner, inner bias, outer, outer bias."""
     from sklearn.neural_network import MLPClassifier
 
-    usual = virtual.change[virtual.target == 0]
-    scale, line_scale = (
-        _scatter(_flat(usual), _flat(healthy)),
-        _scatter(_lines(usual, bands), _lines(healthy, bands)),
-    )
-    mean_square = np.mean(_flat(usual) ** 2, axis=0)
-    of_pumps = np.sqrt(
-        (_USUAL * mean_square + _REFERENCES * _flat(virtual.scatter) ** 2) / (_USUAL + _REFERENCES)
-    )
-    of_pumps[:, scale == 0] = 0
-    scaled = _scaled(_flat(healthy), scale)
-    _, root, direction = np.linalg.svd(scaled, full_matrices=False)
-    shrinkage = 1 - 1 / np.sqrt(1 + root**2 / max(len(scaled), 1) / LAMBDA)
-    teaches = virtual.number % _HELD_OUT > 0
-    rows = _columns(_flat(virtual.change), of_pumps[virtual.number], direction, shrinkage)
-    of_machine = _columns(_flat(np.concatenate([measured, healthy])), scale, direction, shrinkage)
-    classes = np.concatenate(
-        [virtual.target[teaches], target, np.zeros(len(healthy), dtype=np.int64)]
-    )
-    n_classes = int(virtual.target.max()) + 1
-    weight = np.where(np.isin(np.arange(n_classes), (0, n_classes - 1)), 0.5, 1.0)[classes]
-    weight[teaches.sum() :] = np.where(classes[teaches.sum() :] == 0, 1.0, FEW_SHOT_WEIGHT)
     network = MLPClassifier(
-        (_UNITS,), alpha=1.0, learning_rate_init=2e-3, batch_size=128, max_iter=_EPOCHS, tol=0.0,
-        n_iter_no_change=_EPOCHS + 1, random_state=seed % 2**32,
-    )  # fmt: skip
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it is stopped early on purpose
-        network.fit(
-            np.concatenate([rows[teaches], of_machine]).astype(np.float32),
-            classes,
-            sample_weight=weight,
-        )
-    (inner, outer), (inner_bias, outer_bias) = (
-        [part.astype(np.float64) for part in layers]
-        for layers in (network.coefs_, network.intercepts_)
+        (_N_UNITS,),
+        alpha=1.0,
+        learning_rate_init=2e-3,
+        batch_size=128,
+        max_iter=_N_EPOCHS,
+        tol=0.0,
+        n_iter_no_change=_N_EPOCHS + 1,
+        random_state=seed % 2**32,
     )
-    layers = (inner, inner_bias, outer, outer_bias)
-    head = PriorHead(scale, line_scale, direction, shrinkage, *layers, np.empty(0))
-    left_out = rows[~teaches & (virtual.target < n_classes - 1)]
-    return replace(head, strange=np.sort(head._answer(left_out)[:, -1]))
+    with warnings.catch_warnings():
+        # Early stopping is the regularization, so that it does not converge is no fault.
+        warnings.simplefilter("ignore")
+        network.fit(inputs.astype(np.float32), classes, sample_weight=weight)
+
+    inner, outer = (weights.astype(np.float64) for weights in network.coefs_)
+    inner_bias, outer_bias = (biases.astype(np.float64) for biases in network.intercepts_)
+    return inner, inner_bias, outer, outer_bias
 
 
-def _flat(values: Float[np.ndarray, "row channel level"]) -> Float[np.ndarray, "row column"]:
+def _flatten(values: Float[np.ndarray, "row channel level"]) -> Float[np.ndarray, "row column"]:
     return values.reshape(len(values), math.prod(values.shape[1:]))
 
 
-def _lines(
+def _line_changes(
     change: Float[np.ndarray, "row channel level"], bands: OrderBands
 ) -> Float[np.ndarray, "row line"]:
-    """Shaft orders, piston passes, and what rises above the floor between them."""
-    below = change.shape[-1] - 2 * bands.n_floors
-    single, broad, floor = np.split(change, [below, below + bands.n_floors], axis=-1)
-    return _flat(np.concatenate([single, broad - floor], axis=-1))
+    """Return shaft orders, piston passes, and what rises above the floor between them."""
+    n_single = change.shape[-1] - 2 * bands.n_floors
+    single, broad, floor = np.split(change, [n_single, n_single + bands.n_floors], axis=-1)
+    return _flatten(np.concatenate([single, broad - floor], axis=-1))
 
 
-def _scatter(
-    usual: Float[np.ndarray, "row column"], healthy: Float64[np.ndarray, "change column"]
+def _healthy_scatter(
+    virtual: Float[np.ndarray, "row column"], healthy: Float64[np.ndarray, "change column"]
 ) -> Float64[np.ndarray, " column"]:
-    """Healthy scatter of a machine, the usual one counting for some recordings; 0 where it has no
-    level.
+    """Return the healthy scatter of a machine; 0 in a band that it does not have.
+
+    The scatter of virtual pumps counts for some recordings, since healthy ones may be few.
     """
-    squares = _USUAL * np.mean(usual**2, axis=0) + (healthy**2).sum(axis=0)
-    return np.nan_to_num(np.sqrt(squares / (_USUAL + len(healthy))))
+    squares = _N_PRIOR_SCATTER * np.mean(virtual**2, axis=0) + (healthy**2).sum(axis=0)
+    return np.nan_to_num(np.sqrt(squares / (_N_PRIOR_SCATTER + len(healthy))))
 
 
-def _scaled(
-    rows: Float[np.ndarray, "row column"], scale: Float64[np.ndarray, "*#row column"]
+def _divide_by_scatter(
+    changes: Float[np.ndarray, "row column"], scatter: Float64[np.ndarray, "*#row column"]
 ) -> Float64[np.ndarray, "row column"]:
-    return np.divide(
-        rows, scale, out=np.zeros(rows.shape), where=np.broadcast_to(scale > 0, rows.shape)
-    )
+    """Return changes in units of the scatter; 0 in a band without one."""
+    has_scatter = np.broadcast_to(scatter > 0, changes.shape)
+    return np.divide(changes, scatter, out=np.zeros(changes.shape), where=has_scatter)
 
 
-def _columns(
-    rows: Float[np.ndarray, "row column"],
-    scale: Float64[np.ndarray, "*#row column"],
+def _network_inputs(
+    changes: Float[np.ndarray, "row column"],
+    scatter: Float64[np.ndarray, "*#row column"],
     direction: Float64[np.ndarray, "direction column"],
     shrinkage: Float64[np.ndarray, " direction"],
 ) -> Float64[np.ndarray, "row column"]:
-    """What the network sees of changes."""
-    scaled = _scaled(rows, scale)
-    return np.arcsinh(scaled - ((scaled @ direction.T) * shrinkage) @ direction)
+    """Return changes as the network takes them: scaled, shrunk along healthy directions, bounded."""
+    scaled = _divide_by_scatter(changes, scatter)
+    healthy_part = ((scaled @ direction.T) * shrinkage) @ direction
+    return np.arcsinh(scaled - healthy_part)

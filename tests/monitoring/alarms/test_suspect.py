@@ -255,7 +255,7 @@ def test_where_no_suspect_can_be_named_it_is_said_why(
         (pump, loud, learned(None), POINT, "learned without the piston count"),
         (pump, loud, learned(9), POINT, "learned without the piston count"),
         (pump, loud.slice(0, 1024), learned(9), POINT, "lasts 0.2 s"),
-        (pump, loud, state, POINT, "has no x but cover_z"),
+        (pump, loud, state, POINT, "has no channel x, only cover_z"),
         (
             Machine(name="pump-1", pistons=PISTONS, prior=damaged),
             loud,

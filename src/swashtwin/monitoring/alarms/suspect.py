@@ -115,9 +115,9 @@ class PriorAdaptation:
         prior = PriorClassifier.load(self.machine.prior)
         pump = self.machine.pump
         is_prior_of_pump = pump is not None and load_pump(pump).name == prior.pump
-        # For another design of pump, the prior is narrowed to its piston count.
+        # For another design of pump, the prior uses its piston count.
         pistons = None if is_prior_of_pump else self.machine.piston_count
-        prior = prior.narrowed(self.channels, self.unit, pistons)
+        prior = prior.for_machine(self.channels, self.unit, pistons)
 
         n_recordings = len(self.rows)
         speed = math.nan if self.point.speed is None else self.point.speed

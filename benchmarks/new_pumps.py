@@ -17,7 +17,7 @@ import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier
 
 from swashtwin.diagnosis import Diagnosis, FaultClassifier
-from swashtwin.learning.recordings.recording_features import RecordingBandLayout
+from swashtwin.learning.recordings.recording_bands import RecordingBandLayout
 from swashtwin.recordings import Recording
 from swashtwin_bench import SIZES, rig_recordings
 

@@ -10,12 +10,9 @@ import pytest
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.learning import cut_windows, fit_best_candidate
-from swashtwin.learning.recordings.recording_features import (
-    RecordingBandLayout,
-    RecordingTable,
-    joined,
-    recording_rows,
-)
+from swashtwin.learning.recordings.recording_bands import RecordingBandLayout
+from swashtwin.learning.recordings.recording_table import RecordingTable
+from swashtwin.learning.recordings.stretches import join_windows, recording_rows
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
@@ -65,9 +62,9 @@ def test_windows_are_put_together_to_the_recording_they_were_cut_from(stride: in
     windows = cut_windows(
         [Recording(whole, RATE, "a", channels=("x", "y"))], length=1000, stride=stride
     )
-    (stretch,) = joined(windows, recording_rows(windows)[0])
+    (stretch,) = join_windows(windows, recording_rows(windows)[0])
     np.testing.assert_array_equal(stretch, whole[:, : stretch.shape[1]].astype(np.float32))
-    first, second = joined(
+    first, second = join_windows(
         windows.subset(windows.start != 2000)
         if stride == 1000
         else windows.subset(np.array([0, 5])),

@@ -1,6 +1,4 @@
-"""`fit_recordings`: heads on whole recordings, and how far each is to be believed of a machine not
-heard.
-"""
+"""Training of heads on whole recordings, and their answers to recordings they did not see."""
 
 from dataclasses import dataclass, replace
 
@@ -10,19 +8,19 @@ from jaxtyping import Float, Float64, Int64
 
 from swashtwin.foundation import derive_seed, random_stream
 from swashtwin.learning.choice.candidate_trials import OutOfFoldPredictions, is_made_without
-from swashtwin.learning.recordings.recording_features import (
-    RecordingBandLayout,
-    RecordingTable,
+from swashtwin.learning.recordings.recording_bands import RecordingBandLayout
+from swashtwin.learning.recordings.recording_heads import Heads, fit_heads
+from swashtwin.learning.recordings.recording_model import (
+    HEAD_NAMES,
+    RecordingModel,
+    combine_votes,
+)
+from swashtwin.learning.recordings.recording_table import RecordingTable
+from swashtwin.learning.recordings.stretches import (
+    Stretch,
     measure_recordings,
     recording_rows,
     shortest_stretch,
-)
-from swashtwin.learning.recordings.recording_model import (
-    HEAD_NAMES,
-    Heads,
-    RecordingModel,
-    fit_heads,
-    joint,
 )
 from swashtwin.learning.training.confidence import fit_pooling
 from swashtwin.learning.training.settings import with_noise
@@ -30,154 +28,194 @@ from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy
 from swashtwin.signals import NoiseKind
 
-LEAST_SAMPLES = 4096
-"""Samples of the shortest recording from which whole recordings are listened to."""
-_LEAST_SNR = -2.5
-_KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
-"""Noise of the copy that heads are trained on beside each recording."""
+MIN_SAMPLES = 4096
+"""Samples of the shortest recording from which whole recordings are classified."""
+MIN_SNR_DB = -2.5
+"""Lowest signal-to-noise ratio of the noisy copies that heads are trained on."""
+NOISE_KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
+"""Noise of these copies."""
+MIN_PROBABILITY = 1e-12
+"""Smallest probability whose logarithm is taken."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecordingTrial:
-    """What heads on whole recordings said of recordings that they were not trained on."""
+    """Answers to recordings that the heads were not trained on."""
 
-    logarithms: tuple[Float64[np.ndarray, "recording class"] | None, ...]
-    """By short windows, pooled, and by each of `HEAD_NAMES`; None where there is no such head."""
+    votes: tuple[Float64[np.ndarray, "recording class"] | None, ...]
+    """Logarithms of probabilities by short windows, pooled, and by each of `HEAD_NAMES`; None
+    without such a head.
+    """
     target: Int64[np.ndarray, " recording"]
     temperatures: Float64[np.ndarray, " head"]
 
-    def recalls(self, with_own: bool) -> dict[str, float]:
-        """Mean recall, by recording, of each head on whole recordings, and of all together."""
-        by_head = zip(HEAD_NAMES, self.logarithms[1:], strict=True)
-        recalls = {name: self._recall(part) for name, part in by_head if part is not None}
-        recalls["without baseline"] = self._recall(joint(self.logarithms[:3], self.temperatures))
-        if with_own:
-            recalls["with baseline"] = self._recall(joint(self.logarithms, self.temperatures))
+    def recalls(self, with_baseline: bool) -> dict[str, float]:
+        """Return the mean recall by recording of each head, and of all together."""
+        recalls = {}
+        for name, vote in zip(HEAD_NAMES, self.votes[1:], strict=True):
+            if vote is not None:
+                recalls[name] = self._mean_recall(vote)
+        without = combine_votes(self.votes[:2], self.temperatures)
+        recalls["without baseline"] = self._mean_recall(without)
+        if with_baseline:
+            together = combine_votes(self.votes, self.temperatures)
+            recalls["with baseline"] = self._mean_recall(together)
         return recalls
 
     def answers(self, windows: OutOfFoldPredictions, *, own: bool) -> OutOfFoldPredictions:
-        """Joint answers of windows, from those by the short windows alone, with or without the
-        heads on changes.
+        """Return the joint answers of windows from those by the short windows alone.
+
+        Parameters
+        ----------
+        own : whether changes from a machine's own healthy recordings take part.
         """
-        index = np.unique(windows.recording_id, return_inverse=True)[1]
-        heads = [
-            None if part is None else part[index] for part in self.logarithms[1 : 5 if own else 3]
-        ]
-        return replace(
-            windows, probability=joint([_logarithm(windows.probability), *heads], self.temperatures)
-        )
+        recording_index = np.unique(windows.recording_id, return_inverse=True)[1]
+        votes: list[np.ndarray | None] = [_log_probability(windows.probability)]
+        for vote in self.votes[1:] if own else self.votes[1:2]:
+            votes.append(None if vote is None else vote[recording_index])
+        return replace(windows, probability=combine_votes(votes, self.temperatures))
 
-    def _recall(self, answer: Float[np.ndarray, "recording class"]) -> float:
-        right = answer.argmax(axis=1) == self.target
-        return float(
-            np.mean([right[self.target == index].mean() for index in np.unique(self.target)])
-        )
+    def _mean_recall(self, answer: Float[np.ndarray, "recording class"]) -> float:
+        is_right = answer.argmax(axis=1) == self.target
+        recalls = [is_right[self.target == index].mean() for index in np.unique(self.target)]
+        return float(np.mean(recalls))
 
 
-def _logarithm(probability: Float[np.ndarray, "row class"]) -> Float64[np.ndarray, "row class"]:
-    return np.asarray(np.log(np.maximum(probability, 1e-12)))
+def _log_probability(
+    probability: Float[np.ndarray, "row class"],
+) -> Float64[np.ndarray, "row class"]:
+    return np.asarray(np.log(np.maximum(probability, MIN_PROBABILITY)))
 
 
-class _Tables:
-    """Levels of all training recordings as they are and with noise, and their changes, each
-    computed once.
-    """
+class _TrainingTables:
+    """Band powers of all training recordings, clean and with noise, and their changes."""
 
     def __init__(self, windows: WindowSet, layout: RecordingBandLayout, seed: int) -> None:
         rows = recording_rows(windows)
         first = np.array([int(members[0]) for members in rows])
+        self.n_classes = len(windows.classes)
         self.table = RecordingTable.measured(layout, windows)
-        self.target, self.synthetic = windows.target[first], windows.synthetic[first]
-        rng = random_stream(seed, "noise on recordings")
-        rate = windows.sample_rate
-        noisy = measure_recordings(
-            layout,
-            windows,
-            rows,
-            lambda stretch: with_noise(stretch[None], _LEAST_SNR, rng, _KINDS, rate)[0],
-        )
-        is_normal = np.array([is_healthy(name) for name in windows.classes])
-        self.healthy = self.table.only(is_normal[self.target] & ~self.synthetic)
-        machines = set(self.healthy.machines())
-        measured = {
-            name for name, made in zip(self.table.specimen, self.synthetic, strict=True) if not made
-        }
-        copies = [self.table, replace(self.table, band_powers=noisy)]
-        self.on_band_powers = np.stack(
-            [layout.shapes(part.band_powers).reshape(len(rows), -1) for part in copies]
-        )
-        self.on_changes: np.ndarray | None = None
-        has_each_class = len(np.unique(self.target[~self.synthetic])) == len(windows.classes)
-        if has_each_class and measured <= machines:
-            self.on_changes = np.stack(
-                [self.healthy.changes(layout, part).reshape(len(rows), -1) for part in copies]
-            )
+        self.target = windows.target[first]
+        self.is_synthetic = windows.synthetic[first]
 
-    def training(self, tested: np.ndarray) -> np.ndarray:
-        """Recordings that train where some are tested: the other measured ones, and what was made
-        without them.
+        rng = random_stream(seed, "noise on recordings")
+
+        def add_noise(stretch: Stretch) -> Stretch:
+            return with_noise(stretch[None], MIN_SNR_DB, rng, NOISE_KINDS, windows.sample_rate)[0]
+
+        noisy = measure_recordings(layout, windows, rows, add_noise)
+        copies = [self.table, replace(self.table, band_powers=noisy)]
+        shapes = [layout.shapes(copy.band_powers).reshape(len(rows), -1) for copy in copies]
+        self.on_band_powers = np.stack(shapes)
+
+        is_normal = np.array([is_healthy(name) for name in windows.classes])
+        self.healthy = self.table.only(is_normal[self.target] & ~self.is_synthetic)
+        self.on_changes: np.ndarray | None = None
+        if self._has_changes():
+            changes = [self.healthy.changes(layout, copy).reshape(len(rows), -1) for copy in copies]
+            self.on_changes = np.stack(changes)
+
+    def _has_changes(self) -> bool:
+        """Return whether every measured machine has references, and every class is measured."""
+        specimens = zip(self.table.specimen, self.is_synthetic.tolist(), strict=True)
+        measured = {specimen for specimen, is_synthetic in specimens if not is_synthetic}
+        measured_classes = np.unique(self.target[~self.is_synthetic])
+        has_references = measured <= set(self.healthy.machines())
+        return has_references and len(measured_classes) == self.n_classes
+
+    def training_rows(self, tested: np.ndarray) -> np.ndarray:
+        """Return the recordings that train if some are tested.
+
+        The other measured ones, and synthetic ones that were made without the tested machines;
+        unless a class is then missing, all synthetic ones.
         """
         specimen = np.array(self.table.specimen, dtype=np.str_)
-        measured = ~self.synthetic & ~np.isin(np.arange(len(self.target)), tested)
-        made = self.synthetic & is_made_without(specimen, specimen[tested])
-        lacks = len(np.unique(self.target[measured | made])) < len(np.unique(self.target))
-        return np.flatnonzero(measured | (self.synthetic if lacks else made))
+        is_measured = ~self.is_synthetic & ~np.isin(np.arange(len(self.target)), tested)
+        is_independent = self.is_synthetic & is_made_without(specimen, specimen[tested])
+        classes = np.unique(self.target[is_measured | is_independent])
+        if len(classes) < len(np.unique(self.target)):
+            is_independent = self.is_synthetic
+        return np.flatnonzero(is_measured | is_independent)
 
-    def heads(self, values: np.ndarray, used: np.ndarray, n_classes: int, seed: int) -> Heads:
-        """Heads found from some recordings and their noisy copies."""
-        used = used[np.isfinite(values[:, used]).all(axis=(0, 2))]
-        return fit_heads(values[:, used], self.target[used], n_classes, seed)
+    def fit_heads(self, values: np.ndarray, rows: np.ndarray, seed: int) -> Heads:
+        """Return heads fitted to some recordings and their noisy copies."""
+        rows = rows[np.isfinite(values[:, rows]).all(axis=(0, 2))]
+        return fit_heads(values[:, rows], self.target[rows], self.n_classes, seed)
 
 
 def fit_recordings(
     windows: WindowSet, answers: OutOfFoldPredictions, seed: int
 ) -> tuple[RecordingModel, RecordingTrial] | None:
-    """(heads on whole recordings, what they said of left-out recordings), or None where recordings
-    are too short.
+    """Return heads on whole recordings, and their answers to held-out recordings.
 
-    `answers` are those of short windows to the recordings that each fold left out; the heads' folds
-    are the same.
+    None if recordings are too short.
+
+    Parameters
+    ----------
+    answers : answers of short windows to the recordings that each fold held out; the heads' folds
+        are the same.
     """
     shortest = shortest_stretch(windows)
-    if shortest < LEAST_SAMPLES:
+    if shortest < MIN_SAMPLES:
         return None
     layout = RecordingBandLayout.of(windows, shortest)
-    tables, n_classes = _Tables(windows, layout, seed), len(windows.classes)
-    row = {name: index for index, name in enumerate(tables.table.recording_id)}
-    names, first, index = np.unique(answers.recording_id, return_index=True, return_inverse=True)
-    fold, tested = answers.fold[first], np.array([row[name] for name in names.tolist()])
-    pooled = np.zeros((len(names), n_classes))
-    np.add.at(pooled, index, _logarithm(answers.probability))
-    pooled /= np.bincount(index)[:, None]
-    parts = [tables.on_band_powers] + ([] if tables.on_changes is None else [tables.on_changes])
-    logarithms = [np.full((len(tested), n_classes), np.nan) for _ in parts]
-    for number in np.unique(fold):
-        members = fold == number
-        used = tables.training(tested[members])
-        for part, values in enumerate(parts):
-            heads = tables.heads(values, used, n_classes, derive_seed(seed, "trial", int(number)))
-            logarithms[part][members] = heads.log_probabilities(values[0, tested[members]])[1]
-    target = tables.target[tested]
-    on_band_powers, on_changes = (*logarithms, None)[:2]
-    heard = (pooled, None, on_band_powers, None, on_changes)
-    temperatures = np.array(
-        [
-            1.0
-            if part is None
-            else fit_pooling(list(scipy.special.softmax(part, axis=1)[:, None]), target)[0]
-            for part in heard
-        ]
-    )
-    trial = RecordingTrial(heard, target, temperatures)
-    every = np.arange(len(tables.target))
+    tables = _TrainingTables(windows, layout, seed)
+    trial = _try_heads(tables, answers, seed)
+
+    all_rows = np.arange(len(tables.target))
+    on_changes = None
+    if tables.on_changes is not None:
+        on_changes = tables.fit_heads(tables.on_changes, all_rows, seed)
+    default_shaft = 0.0
+    if layout.n_orders:
+        default_shaft = float(np.median(windows.speed) / (2 * np.pi))
     model = RecordingModel(
         layout=layout,
-        usual_shaft=float(np.median(windows.speed) / (2 * np.pi)) if layout.n_orders else 0.0,
-        on_band_powers=tables.heads(tables.on_band_powers, every, n_classes, seed),
-        on_changes=None
-        if tables.on_changes is None
-        else tables.heads(tables.on_changes, every, n_classes, seed),
+        default_shaft=default_shaft,
+        on_band_powers=tables.fit_heads(tables.on_band_powers, all_rows, seed),
+        on_changes=on_changes,
         healthy=tables.healthy,
         temperatures=trial.temperatures,
     )
     return model, trial
+
+
+def _try_heads(tables: _TrainingTables, answers: OutOfFoldPredictions, seed: int) -> RecordingTrial:
+    """Return the answers of heads to the recordings that each fold held out."""
+    names, first, recording_index = np.unique(
+        answers.recording_id, return_index=True, return_inverse=True
+    )
+    table_row = {name: row for row, name in enumerate(tables.table.recording_id)}
+    tested = np.array([table_row[name] for name in names.tolist()])
+    fold = answers.fold[first]
+
+    by_windows = np.zeros((len(names), tables.n_classes))
+    np.add.at(by_windows, recording_index, _log_probability(answers.probability))
+    by_windows /= np.bincount(recording_index)[:, None]
+
+    inputs = [tables.on_band_powers, tables.on_changes]
+    by_heads: list[np.ndarray | None] = []
+    for values in inputs:
+        empty = np.full((len(tested), tables.n_classes), np.nan)
+        by_heads.append(None if values is None else empty)
+    for number in np.unique(fold):
+        members = fold == number
+        rows = tables.training_rows(tested[members])
+        head_seed = derive_seed(seed, "trial", int(number))
+        for values, by_head in zip(inputs, by_heads, strict=True):
+            if values is not None and by_head is not None:
+                heads = tables.fit_heads(values, rows, head_seed)
+                by_head[members] = heads.log_probabilities(values[0, tested[members]])
+
+    target = tables.target[tested]
+    votes = (by_windows, *by_heads)
+    temperatures = [1.0 if vote is None else _fit_temperature(vote, target) for vote in votes]
+    return RecordingTrial(votes, target, np.array(temperatures))
+
+
+def _fit_temperature(
+    vote: Float64[np.ndarray, "recording class"], target: Int64[np.ndarray, " recording"]
+) -> float:
+    """Return the temperature at which the probabilities of held-out recordings are most likely."""
+    probability = scipy.special.softmax(vote, axis=1)
+    return float(fit_pooling(list(probability[:, None]), target)[0])

@@ -1,0 +1,164 @@
+"""Band powers of many recordings, and their changes from the healthy ones of the same machine."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import compress
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64
+
+from swashtwin.foundation import InputError
+from swashtwin.learning.recordings.recording_bands import RecordingBandLayout
+from swashtwin.learning.recordings.stretches import measure_recordings, recording_rows
+from swashtwin.learning.windows.window_set import WindowSet, group_means, operating_points
+
+MIN_REFERENCES = 2
+"""Healthy recordings of a machine from which changes are taken."""
+HALF_WEIGHT_DISTANCE = 0.1
+"""Distance of two operating points, in logarithms of speed and pressure, at which a reference
+counts half.
+"""
+SAME_POINT_DISTANCE = 0.06
+"""Such a distance up to which two operating points are the same."""
+N_ROUNDS = 4
+"""Rounds in which effects of machines and of operating points are fitted in turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingTable:
+    """Band powers of whole recordings, with machine and operating point of each; no samples."""
+
+    band_powers: Float32[np.ndarray, "reference channel band"]
+    specimen: tuple[str, ...]
+    condition: Float64[np.ndarray, "reference quantity"]
+    """Speed [rad/s] and discharge pressure [Pa] of each; NaN if not specified."""
+    recording_id: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        count = len(self.band_powers)
+        if not count == len(self.specimen) == len(self.condition) == len(self.recording_id):
+            raise InputError(
+                "Band powers of recordings need a machine, an operating point and an id each."
+            )
+
+    @classmethod
+    def measured(cls, layout: RecordingBandLayout, windows: WindowSet) -> "RecordingTable":
+        """Return the table of the recordings that windows were cut from, ordered by id."""
+        rows = recording_rows(windows)
+        first = [int(members[0]) for members in rows]
+        return cls(
+            band_powers=measure_recordings(layout, windows, rows),
+            specimen=tuple(windows.specimen[first].tolist()),
+            condition=np.stack([windows.condition(row) for row in first]),
+            recording_id=tuple(windows.recording_id[first].tolist()),
+        )
+
+    @cached_property
+    def _specimens(self) -> np.ndarray:
+        return np.array(self.specimen, dtype=np.str_)
+
+    def machines(self) -> tuple[str, ...]:
+        """Return the machines with `MIN_REFERENCES` recordings or more, in order."""
+        names, counts = np.unique(self.specimen, return_counts=True)
+        machines = []
+        for name, count in zip(names.tolist(), counts.tolist(), strict=True):
+            if name and count >= MIN_REFERENCES:
+                machines.append(name)
+        return tuple(machines)
+
+    def joined(self, other: "RecordingTable") -> "RecordingTable":
+        """Return these and further recordings; of two with one id the further one."""
+        remaining = self.only(~np.isin(self.recording_id, other.recording_id))
+        return RecordingTable(
+            band_powers=np.concatenate([remaining.band_powers, other.band_powers]),
+            specimen=remaining.specimen + other.specimen,
+            condition=np.concatenate([remaining.condition, other.condition]),
+            recording_id=remaining.recording_id + other.recording_id,
+        )
+
+    def only(self, mask: Bool[np.ndarray, " reference"]) -> "RecordingTable":
+        """Return the recordings that a mask selects."""
+        selected = mask.tolist()
+        return RecordingTable(
+            band_powers=self.band_powers[mask],
+            specimen=tuple(compress(self.specimen, selected)),
+            condition=self.condition[mask],
+            recording_id=tuple(compress(self.recording_id, selected)),
+        )
+
+    def changes(
+        self, layout: RecordingBandLayout, recordings: "RecordingTable"
+    ) -> Float32[np.ndarray, "recording channel band"]:
+        """Return the changes of recordings from this table of healthy ones.
+
+        Each is compared with the other recordings of its machine; without any it is NaN. The effect
+        of an operating point is the same for all machines (`_point_effects`) and is subtracted, as
+        other machines have it: so each healthy recording of a machine counts, those near the
+        recording's operating point most. A channel that moved as a whole is taken for a gain
+        (`RecordingBandLayout.without_gain`).
+        """
+        ids = np.array(self.recording_id, dtype=np.str_)
+        changes = np.full(recordings.band_powers.shape, np.nan, dtype=np.float32)
+        facts = zip(recordings.specimen, recordings.condition, recordings.recording_id, strict=True)
+        for row, (specimen, condition, recording_id) in enumerate(facts):
+            references = np.flatnonzero((self._specimens == specimen) & (ids != recording_id))
+            if not specimen or not references.size:
+                continue
+            conditions = self.condition[references]
+            weight = 1 / (1 + _log_distance(conditions, condition) / HALF_WEIGHT_DISTANCE)
+            effects = np.stack([self._effect_of(specimen, point) for point in conditions])
+            reference = np.average(self.band_powers[references] - effects, axis=0, weights=weight)
+            effect = self._effect_of(specimen, condition)
+            changes[row] = layout.without_gain(recordings.band_powers[row] - effect - reference)
+        return changes
+
+    def _effect_of(
+        self, specimen: str, condition: Float[np.ndarray, " quantity"]
+    ) -> Float64[np.ndarray, "channel band"]:
+        """Return the effect of an operating point by other machines than a specimen.
+
+        So a recording never takes part in what it is compared with. For a point that the others
+        lack it is the mean of those around, the nearest most.
+        """
+        if specimen not in self._effects_without:
+            others = self.only(self._specimens != specimen)
+            self._effects_without[specimen] = _point_effects(others)
+        points, effects = self._effects_without[specimen]
+        if not len(points):
+            return np.zeros(self.band_powers.shape[1:])
+
+        distance = _log_distance(points, condition)
+        is_same = distance < SAME_POINT_DISTANCE
+        weights = is_same if is_same.any() else distance**-2.0
+        return np.asarray(np.average(effects, axis=0, weights=weights))
+
+    @cached_property
+    def _effects_without(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Cache of the `_point_effects` of all machines but one, by that one's name."""
+        return {}
+
+
+def _point_effects(
+    table: RecordingTable,
+) -> tuple[Float64[np.ndarray, "point quantity"], Float64[np.ndarray, "point channel band"]]:
+    """Return operating points, and what each adds to the band powers of any machine.
+
+    Least squares of an effect of the machine plus one of the point, fitted in turn.
+    """
+    if not table.specimen:
+        return np.zeros((0, 2)), np.zeros((0, *table.band_powers.shape[1:]))
+
+    points, point = operating_points(table.condition)
+    machine = np.unique(table.specimen, return_inverse=True)[1]
+    point_effects = np.zeros((len(points), *table.band_powers.shape[1:]))
+    for _ in range(N_ROUNDS):
+        machine_effects = group_means(table.band_powers - point_effects[point], machine)
+        point_effects = group_means(table.band_powers - machine_effects[machine], point)
+    return points, point_effects
+
+
+def _log_distance(
+    points: Float[np.ndarray, "point quantity"], condition: Float[np.ndarray, " quantity"]
+) -> np.ndarray:
+    """Return the sum of |log(ratio)| over the quantities that both specify."""
+    return np.asarray(np.nansum(np.abs(np.log(points / condition)), axis=1))

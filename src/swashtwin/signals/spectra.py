@@ -1,4 +1,4 @@
-"""Tapers, transforms, power densities and lines: the one place where signals become spectra.
+"""Tapers, transforms, power densities and lines: the one module where signals become spectra.
 
 Spectra are one-sided and, where not called power, give peak amplitudes: a sine of amplitude 1 reads
 1. Only networks and other code that torch differentiates call `torch.fft` themselves.
@@ -17,24 +17,23 @@ from swashtwin.foundation import InputError
 
 
 def hann_taper(count: int, *, symmetric: bool = False) -> Float[np.ndarray, " time"]:
-    """Hann taper of `count` samples; periodic, as a spectrum wants it, or symmetric, as a weighted
-    mean does; read only.
+    """Return the Hann taper of `count` samples; read only.
+
+    It is periodic, as spectra need it, or symmetric, as weighted means do.
     """
-    return (
-        _kept_taper(count, symmetric)
-        if count <= _LONGEST_KEPT
-        else _kept_taper.__wrapped__(count, symmetric)
-    )
+    if count <= MAX_CACHED_TAPER:
+        return _cached_taper(count, symmetric)
+    return _cached_taper.__wrapped__(count, symmetric)
 
 
-_LONGEST_KEPT = 1 << 18
-"""Samples of a taper up to which it is kept: to compute it takes longer than to transform what it
-tapers.
+MAX_CACHED_TAPER = 1 << 18
+"""Samples of a taper up to which it is cached: computing it takes longer than the transform of the
+signal that it tapers.
 """
 
 
 @lru_cache(maxsize=16)
-def _kept_taper(count: int, symmetric: bool) -> Float[np.ndarray, " time"]:
+def _cached_taper(count: int, symmetric: bool) -> Float[np.ndarray, " time"]:
     taper: np.ndarray = np.hanning(count) if symmetric else np.hanning(count + 1)[:-1]
     taper.setflags(write=False)
     return taper
@@ -43,8 +42,9 @@ def _kept_taper(count: int, symmetric: bool) -> Float[np.ndarray, " time"]:
 def transform(
     signal: Float[np.ndarray, "*batch time"], count: int | None = None
 ) -> Complex[np.ndarray, "*batch line"]:
-    """One-sided discrete Fourier transform along the last axis, unscaled; `count` pads the signal
-    with zeros.
+    """Return the one-sided discrete Fourier transform along the last axis, unscaled.
+
+    `count` pads the signal with zeros.
     """
     return np.asarray(scipy.fft.rfft(signal, count, axis=-1))
 
@@ -52,32 +52,35 @@ def transform(
 def inverse_transform(
     lines: Inexact[np.ndarray, "*batch line"], count: int
 ) -> Float[np.ndarray, "*batch time"]:
-    """Signal of `count` samples whose `transform` has these lines."""
+    """Return the signal of `count` samples whose `transform` has these lines."""
     return np.asarray(scipy.fft.irfft(lines, count, axis=-1))
 
 
 def line_frequencies(count: int, sample_rate: float) -> Float[np.ndarray, " line"]:
-    """Frequency [Hz] of each line of the `transform` of `count` samples."""
+    """Return the frequency [Hz] of each line of the `transform` of `count` samples."""
     return np.fft.rfftfreq(count, 1 / sample_rate)
 
 
 def tapered_transform(
     signal: Float[np.ndarray, "*batch time"],
 ) -> Complex[np.ndarray, "*batch line"]:
-    """`transform` of a signal without its mean, times `hann_taper`; of the signal's precision."""
+    """Return the `transform` of a signal less its mean times `hann_taper`, in its precision."""
     taper = hann_taper(signal.shape[-1]).astype(signal.dtype, copy=False)
     moving = signal - signal.mean(axis=-1, keepdims=True)
     return transform(np.multiply(moving, taper, out=moving))
 
 
 def signal_envelope(signal: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch time"]:
-    """Magnitude of the analytic signal, as by `scipy.signal.hilbert`, which takes four times as
-    long.
+    """Return the magnitude of the analytic signal.
+
+    The result is that of `scipy.signal.hilbert`, which takes four times as long.
     """
     length = signal.shape[-1]
     lines = transform(signal) * -1j
-    lines[..., 0] = 0  # the mean and half the rate have no phase to be turned
+    # The mean and the line at half the rate have no phase that could be turned.
+    lines[..., 0] = 0
     lines[..., (length + 1) // 2 :] = 0
+
     square = inverse_transform(lines, length) ** 2
     square += signal**2
     envelope: np.ndarray = np.sqrt(square, out=square)
@@ -91,17 +94,22 @@ AT_ONCE = 1 << 16
 def power_density(
     signal: Float[np.ndarray, "*batch time"], sample_rate: float, length: int | None = None
 ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "*batch frequency"]]:
-    """Frequencies [Hz] and one-sided power density [unit^2/Hz], Hann taper, mean removed.
+    """Return frequencies [Hz] and one-sided power density [unit^2/Hz].
+
+    The mean is removed and a Hann taper applied.
 
     Parameters
     ----------
     length : samples of the half-overlapping segments over which it is averaged (Welch); None takes
         the whole signal.
     """
-    length = signal.shape[-1] if length is None else min(length, signal.shape[-1])
+    n_samples = signal.shape[-1]
+    length = n_samples if length is None else min(length, n_samples)
     taper = hann_taper(length)
+    hop = max(1, length - length // 2)
     segments = sliding_window_view(np.asarray(signal, dtype=np.float64), length, axis=-1)
-    segments = segments[..., :: max(1, length - length // 2), :]
+    segments = segments[..., ::hop, :]
+
     density = np.zeros((*segments.shape[:-2], length // 2 + 1))
     at_once = max(1, AT_ONCE // length)
     for first in range(0, segments.shape[-2], at_once):
@@ -109,6 +117,8 @@ def power_density(
         part = (part - part.mean(axis=-1, keepdims=True)) * taper
         lines = scipy.fft.rfft(part, axis=-1, overwrite_x=True)
         density += (lines.real**2 + lines.imag**2).sum(axis=-2)
+
+    # Lines of both signs are added, except for the mean and half the rate, which have one.
     density *= 2 / (sample_rate * (taper @ taper) * segments.shape[-2])
     density[..., 0] /= 2
     if length % 2 == 0:
@@ -119,8 +129,9 @@ def power_density(
 def fourier_lines(
     revolution: Float[np.ndarray, "*batch step"],
 ) -> Complex[np.ndarray, "*batch order"]:
-    """Lines X_k of one period of x(t) = X_0 + Re sum_k X_k exp(i k theta), theta from 0 in equal
-    steps.
+    """Return the lines X_k of one period of x(t) = X_0 + Re sum_k X_k exp(i k theta).
+
+    The steps of theta are equal, from 0.
 
     Examples
     --------
@@ -136,7 +147,7 @@ def fourier_lines(
 def periodic_signal(
     lines: Complex[np.ndarray, "*batch order"], steps: int
 ) -> Float[np.ndarray, "*batch step"]:
-    """One period in `steps` equal steps of the signal whose `fourier_lines` these are."""
+    """Return one period in `steps` equal steps of the signal with these `fourier_lines`."""
     spectrum = lines * (steps / 2)
     spectrum[..., 0] *= 2
     return inverse_transform(spectrum, steps)
@@ -145,8 +156,9 @@ def periodic_signal(
 def amplitude_spectrum(
     signal: Float[np.ndarray, "channel time"], sample_rate: float, resolution: float = 0.0
 ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel frequency"]]:
-    """Frequencies [Hz] and one-sided peak amplitudes, Hann taper, averaged over half-overlapping
-    segments.
+    """Return frequencies [Hz] and one-sided peak amplitudes.
+
+    With a Hann taper, averaged over half-overlapping segments.
 
     Parameters
     ----------
@@ -169,11 +181,13 @@ def amplitude_spectrum(
 JITTER = 0.006
 """Half-width of the speed's variation [relative] over which the power of a line is summed."""
 SEGMENTS = 4
-"""The scatter of the amplitudes between so many parts of a signal gives their deviation."""
-_FLOOR_BINS = 8
-"""The noise under a line is judged from at least so many samples of the spectrum that no line asked
-for reaches.
-"""
+"""Parts of a signal, the scatter between which gives the deviation of amplitudes."""
+MIN_FLOOR_BINS = 8
+"""Bins of the spectrum, clear of all lines, from which the noise under a line is estimated."""
+MIN_SEGMENT_TURNS = 4
+"""Revolutions in each of `SEGMENTS`, so that the lines of neighboring orders are resolved."""
+MAX_HALF_WIDTH_SHARE = 0.45
+"""Half-width of a line's band over the distance to the next order, so that bands do not touch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,13 +212,13 @@ class OrderSpectrum:
 def segment_densities(
     signal: Float[np.ndarray, "channel time"], sample_rate: float
 ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel segment frequency"]]:
-    """`power_density` of each of `SEGMENTS` equal parts of the signal; a rest at the end is left
-    out.
+    """Return the `power_density` of each of `SEGMENTS` equal parts of the signal.
+
+    A remainder at the end is not used.
     """
     length = signal.shape[-1] // SEGMENTS
-    return power_density(
-        signal[:, : SEGMENTS * length].reshape(signal.shape[0], SEGMENTS, length), sample_rate
-    )
+    segments = signal[:, : SEGMENTS * length].reshape(signal.shape[0], SEGMENTS, length)
+    return power_density(segments, sample_rate)
 
 
 def order_spectrum(
@@ -218,68 +232,92 @@ def order_spectrum(
     ]
     | None = None,
 ) -> OrderSpectrum:
-    """Amplitudes at `orders`, each gathered over the band in which a jittering speed smears it.
+    """Return the amplitudes at `orders`, each gathered over the band that a wandering speed smears.
 
     The power within the band, less the noise floor beside it, is that of one sine. A smear of
-    `JITTER` (relative) is expected; the band never reaches half way to the next order asked for,
-    and the floor is read off between the bands. Lines that are in the signal but not asked for
-    count as noise where they fall there.
+    `JITTER` (relative) is expected; the band never reaches half way to the next of the `orders`,
+    and the floor is read off between the bands. Other lines of the signal count as noise if they
+    lie there.
 
     Parameters
     ----------
     signal : at least `SEGMENTS` x 4 revolutions.
-    densities : `segment_densities` of the signal, where they are at hand.
+    densities : `segment_densities` of the signal, if they are known already.
 
     Raises
     ------
     InputError
         The signal is too short, or an order lies below 1 or above half the sample rate.
     """
-    length = signal.shape[-1] // SEGMENTS
-    if length / sample_rate * shaft_frequency < 4:
+    _require_orders(signal.shape[-1], sample_rate, shaft_frequency, orders)
+    if densities is None:
+        densities = segment_densities(signal, sample_rate)
+    frequency, density = densities
+    line_width = frequency[1]
+
+    centers = orders * shaft_frequency
+    spacing = float(np.min(np.diff(np.unique(np.concatenate([[0], centers])))))
+    half_widths = np.minimum(2.5 * line_width + JITTER * centers, MAX_HALF_WIDTH_SHARE * spacing)
+    # The mean that was removed leaves a hole in the first two lines.
+    is_free = np.arange(len(frequency)) > 1
+    for center, half_width in zip(centers, half_widths, strict=True):
+        is_free &= np.abs(frequency - center) > half_width
+
+    power = np.empty((signal.shape[0], SEGMENTS, len(orders)))
+    floor = np.empty_like(power)
+    for index, (center, half_width) in enumerate(zip(centers, half_widths, strict=True)):
+        distance = np.abs(frequency - center)
+        is_inside = distance <= half_width
+        is_beside = is_free & (distance <= max(2 * half_width, half_width + 6 * line_width))
+        if is_beside.sum() < MIN_FLOOR_BINS:
+            nearest = np.sort(distance[is_free])[:MIN_FLOOR_BINS]
+            is_beside = is_free & (distance <= nearest.max(initial=0))
+        # The median of a periodogram of noise is ln 2 of its mean.
+        noise_density = np.median(density[..., is_beside], axis=-1) / math.log(2)
+        floor[..., index] = noise_density * is_inside.sum() * line_width
+        band_power = density[..., is_inside].sum(axis=-1) * line_width
+        power[..., index] = band_power - floor[..., index]
+
+    amplitude, deviation = _amplitude_and_deviation(power, floor)
+    return OrderSpectrum(np.asarray(orders), shaft_frequency, amplitude, deviation)
+
+
+def _require_orders(
+    n_samples: int,
+    sample_rate: float,
+    shaft_frequency: float,
+    orders: Int[np.ndarray, " order"],
+) -> None:
+    """Raise an `InputError` unless a signal resolves the orders."""
+    nyquist = sample_rate / 2
+    if n_samples // SEGMENTS / sample_rate * shaft_frequency < MIN_SEGMENT_TURNS:
+        turns = n_samples / sample_rate * shaft_frequency
         raise InputError(
-            f"the signal covers {signal.shape[-1] / sample_rate * shaft_frequency:.1f} revolutions; its orders need at "
-            f"least {4 * SEGMENTS}."
+            f"the signal covers {turns:.1f} revolutions; its orders need at least "
+            f"{MIN_SEGMENT_TURNS * SEGMENTS}."
         )
     if orders.min() < 1:
         raise InputError(f"order {orders.min()} has no amplitude: lines begin at order 1.")
-    if orders.max() * shaft_frequency * (1 + JITTER) > sample_rate / 2:
+    if orders.max() * shaft_frequency * (1 + JITTER) > nyquist:
         raise InputError(
-            f"order {orders.max()} lies at {orders.max() * shaft_frequency:.0f} Hz, above half the sample rate "
-            f"({sample_rate / 2:.0f} Hz)."
+            f"order {orders.max()} lies at {orders.max() * shaft_frequency:.0f} Hz, above half the "
+            f"sample rate ({nyquist:.0f} Hz)."
         )
-    frequency, density = segment_densities(signal, sample_rate) if densities is None else densities
-    line_width = frequency[1]
-    centers = orders * shaft_frequency
-    spacing = float(np.min(np.diff(np.unique(np.concatenate([[0], centers])))))
-    halves = np.minimum(2.5 * line_width + JITTER * centers, 0.45 * spacing)
-    free = (
-        np.arange(len(frequency)) > 1
-    )  # the mean that was taken away leaves a hole in the first two
-    for center, half in zip(centers, halves, strict=True):
-        free &= np.abs(frequency - center) > half
-    power = np.empty((signal.shape[0], SEGMENTS, len(orders)))
-    floor = np.empty_like(power)
-    for i, (center, half) in enumerate(zip(centers, halves, strict=True)):
-        distance = np.abs(frequency - center)
-        inside = distance <= half
-        beside = free & (distance <= max(2 * half, half + 6 * line_width))
-        if beside.sum() < _FLOOR_BINS:
-            beside = free & (distance <= np.sort(distance[free])[:_FLOOR_BINS].max(initial=0))
-        level = np.median(density[..., beside], axis=-1) / math.log(
-            2
-        )  # a periodogram's median is ln 2 of its mean
-        floor[..., i] = level * inside.sum() * line_width
-        power[..., i] = density[..., inside].sum(axis=-1) * line_width - floor[..., i]
-    mean_power = power.mean(axis=1)
-    amplitude = np.sqrt(2 * np.clip(mean_power, 0, None))
+
+
+def _amplitude_and_deviation(
+    power: Float[np.ndarray, "channel segment order"],
+    floor: Float[np.ndarray, "channel segment order"],
+) -> tuple[Float[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
+    """Return peak amplitudes and their standard deviations from the powers of segments."""
+    amplitude = np.sqrt(2 * np.clip(power.mean(axis=1), 0, None))
     noise = floor.mean(axis=1)
     spread = power.std(axis=1, ddof=1) / math.sqrt(SEGMENTS)
     power_deviation = np.sqrt(spread**2 + (noise**2) / (4 * SEGMENTS))
-    deviation = power_deviation / np.maximum(
-        amplitude, np.sqrt(np.maximum(power_deviation, 1e-300))
-    )
-    return OrderSpectrum(np.asarray(orders), shaft_frequency, amplitude, deviation)
+
+    # An amplitude below its own deviation has no derivative to rely on: the root is bounded there.
+    smallest = np.sqrt(np.maximum(power_deviation, 1e-300))
+    return amplitude, power_deviation / np.maximum(amplitude, smallest)
 
 
 def synchronous_signal(
@@ -287,15 +325,16 @@ def synchronous_signal(
     orders: Int[np.ndarray, " line"],
     angle: Float[np.ndarray, " time"],
 ) -> Float[np.ndarray, "channel time"]:
-    """Signal Re sum_k lines_k exp(i k angle) along a shaft angle [rad], which may advance unevenly.
+    """Return the signal Re sum_k lines_k exp(i k angle) along a shaft angle [rad].
 
-    One revolution is tabulated on a grid of at least 32 points per shortest period and read off by
+    The angle may advance unevenly. One revolution is tabulated on a grid of at least 32 points per shortest period and read off by
     interpolation; its error is below 0.5 % of the sum of the lines' magnitudes.
     """
     n_grid = 1 << max(12, math.ceil(math.log2(32 * (int(orders.max()) + 1))))
-    every = np.zeros((lines.shape[0], n_grid // 2 + 1), dtype=complex)
-    every[:, orders] = lines
-    revolution = periodic_signal(every, n_grid)
+    all_lines = np.zeros((lines.shape[0], n_grid // 2 + 1), dtype=complex)
+    all_lines[:, orders] = lines
+    revolution = periodic_signal(all_lines, n_grid)
+
     position = np.mod(angle, 2 * np.pi) * (n_grid / (2 * np.pi))
     left = position.astype(np.int64) % n_grid
     weight = position - np.floor(position)
@@ -305,40 +344,41 @@ def synchronous_signal(
 def aligned(
     measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel longer"]
 ) -> Float[np.ndarray, "channel time"]:
-    """Stretch of `simulated`, as long as `measured`, that correlates best with it over all channels
-    together.
+    """Return the stretch of `simulated` that correlates best with `measured`.
 
-    With `simulated` one period longer than `measured`, every phase is tried.
+    It is as long as `measured`, and all channels count together. With `simulated` one period longer than `measured`, every phase is tried.
 
     Raises
     ------
     InputError
-        `simulated` is the shorter one.
+        `simulated` is shorter than `measured`.
     """
     length = measured.shape[-1]
     if simulated.shape[-1] < length:
         raise InputError(
             f"{simulated.shape[-1]} simulated samples are fewer than the {length} measured ones."
         )
-    score = sum(
-        scipy.signal.correlate(s, m, "valid") for s, m in zip(simulated, measured, strict=True)
+    correlation = sum(
+        scipy.signal.correlate(channel, template, "valid")
+        for channel, template in zip(simulated, measured, strict=True)
     )
-    start = int(np.argmax(score))
+    start = int(np.argmax(correlation))
     return simulated[:, start : start + length]
 
 
 def waveform_rmse(
     measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel time"]
 ) -> float:
-    """Root mean square of the difference, in the signals' unit (the paper's RMSE)."""
+    """Return the root mean square of the difference, in the signals' unit (the paper's RMSE)."""
     return float(np.sqrt(np.mean((measured - simulated) ** 2)))
 
 
 def peak_error(
     measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel time"]
 ) -> float:
-    """Mean over channels of the difference of the largest magnitudes, relative to the measured (the
-    paper's PE).
+    """Return the relative difference of the largest magnitudes, averaged over channels.
+
+    This is the paper's PE.
     """
     peaks = np.abs(measured).max(axis=-1)
     return float(np.mean(np.abs(np.abs(simulated).max(axis=-1) - peaks) / peaks))
@@ -347,26 +387,26 @@ def peak_error(
 def spectrum_value_error(
     measured: Float[np.ndarray, "channel order"], simulated: Float[np.ndarray, "channel order"]
 ) -> float:
-    """Sum of the amplitudes' differences over the sum of the measured amplitudes (the paper's SVE;
-    our reading).
+    """Return the sum of the amplitudes' differences over the sum of the measured amplitudes.
+
+    This is our reading of the paper's SVE.
     """
     return float(np.abs(measured - simulated).sum() / measured.sum())
 
 
-LEVEL_RANGE = 60.0
-"""Lines further [dB] below the strongest measured one count as if they were so far below it: there
-is only noise.
+LEVEL_RANGE_DB = 60.0
+"""Lines further below the strongest measured one count as if they were 60 dB below it: there is only
+noise.
 """
 
 
 def spectral_correlation(
     measured: Float[np.ndarray, "channel order"], simulated: Float[np.ndarray, "channel order"]
 ) -> float:
-    """Pearson's correlation of the levels in dB, over all channels and orders; 1 is a spectrum of
-    the same shape.
+    """Return Pearson's correlation of the levels in dB, over all channels and orders.
 
-    A level is 20 log10 of the amplitude, no lower than 60 dB below the strongest measured line
-    (`LEVEL_RANGE`), the same floor for both sides. A common gain does not change it. It is 0 where
+    1 is a spectrum of the same shape. A level is 20 log10 of the amplitude, no lower than 60 dB below the strongest measured line
+    (`LEVEL_RANGE_DB`), the same floor for both sides. A common gain does not change it. It is 0 if
     the levels of one side are all equal.
 
     Examples
@@ -375,10 +415,13 @@ def spectral_correlation(
     >>> round(spectral_correlation(measured, 2 * measured), 3)
     1.0
     """
-    floor = max(float(measured.max()) * 10 ** (-LEVEL_RANGE / 20), 1e-300)
-    first, second = (
-        20 * np.log10(np.maximum(side, floor)).ravel() for side in (measured, simulated)
-    )
-    first, second = first - first.mean(), second - second.mean()
-    width = float(np.linalg.norm(first) * np.linalg.norm(second))
-    return float(first @ second) / width if width > 0 else 0.0
+    floor = max(float(measured.max()) * 10 ** (-LEVEL_RANGE_DB / 20), 1e-300)
+    measured_level = 20 * np.log10(np.maximum(measured, floor)).ravel()
+    simulated_level = 20 * np.log10(np.maximum(simulated, floor)).ravel()
+    measured_level = measured_level - measured_level.mean()
+    simulated_level = simulated_level - simulated_level.mean()
+
+    norm = float(np.linalg.norm(measured_level) * np.linalg.norm(simulated_level))
+    if norm == 0:
+        return 0.0
+    return float(measured_level @ simulated_level) / norm

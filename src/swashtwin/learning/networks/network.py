@@ -1,6 +1,4 @@
-"""What every network here has in common: it knows its own arguments, and its features before the
-last layer.
-"""
+"""Base of the networks that torch trains, and a wrapper of a user's own module."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, TypeVar
@@ -14,36 +12,36 @@ from swashtwin.foundation import InputError, TorchStream
 from swashtwin.learning.networks.solved_network import Configured, require_sizes
 
 
-def batches(order: Int[Tensor, " window"], size: int) -> list[Int[Tensor, " chosen"]]:
-    """Places of windows, `size` of them in each step.
+def batches(order: Int[Tensor, " window"], size: int) -> list[Int[Tensor, " _window"]]:
+    """Return the windows of each step, `size` of them.
 
-    A last step of a single window joins the one before: normalization over a batch has no deviation
-    of one window.
+    A last step of a single window joins the one before: normalization over a batch needs two.
     """
     steps = list(order.split(size))
-    return [*steps[:-2], torch.cat(steps[-2:])] if len(steps) > 1 and len(steps[-1]) == 1 else steps
+    if len(steps) > 1 and len(steps[-1]) == 1:
+        return [*steps[:-2], torch.cat(steps[-2:])]
+    return steps
 
 
 N = TypeVar("N", bound="Network")
 
 
 class Network(Configured, nn.Module):
-    """Base of the networks: windows in, one score per class out (softmax makes them probabilities).
+    """Base of the networks: windows in, one score per class out; softmax gives probabilities.
 
-    A subclass sets `name`, hands every argument of its constructor to this one, and defines
-    `encode` and `head`; and `represent`, if it rests on something of a window that has no weights.
+    A subclass sets `name`, passes every argument of its constructor to this one, and defines
+    `encode` and `head`; and `represent`, if it uses something of a window that has no weights.
 
     Raises
     ------
     InputError
-        A whole number among the settings is below 1, or `dropout` is no share.
+        An integer setting is below 1, or `dropout` is not a share.
     """
 
     has_gradients: ClassVar[bool] = True
     is_capturable: ClassVar[bool] = False
-    """Whether a step of its training can be captured as a CUDA graph: it asks no tensor for its
-    values, does the same whatever they are, and draws only with operations that take a
-    generator.
+    """Whether a training step can be captured as a CUDA graph: it reads no values of tensors on
+    the host, does the same whatever they are, and draws with operations that take a generator only.
     """
     head: nn.Module
     """Last layer, features to one score per class."""
@@ -56,46 +54,49 @@ class Network(Configured, nn.Module):
     def represent(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window ..."]:
-        """What `encode` takes of each window; it has no weights, so `fit` computes it once for all
-        epochs.
+        """Return what `encode` takes of each window.
+
+        It has no weights, so `fit` computes it once for all epochs.
         """
         return windows
 
     def represent_at(
         self, windows: Float[Tensor, "window channel time"], turns: Float[Tensor, " window"]
     ) -> Float[Tensor, "window ..."]:
-        """`represent` for windows with so many turns of the shaft per sample, NaN where nobody
-        stated it; most networks do not look at it.
+        """Return `represent` of windows at turns of the shaft per sample, NaN if not known.
+
+        Most networks do not use it.
         """
         return self.represent(windows)
 
     def encode(self, windows: Float[Tensor, "window ..."]) -> Float[Tensor, "window feature"]:
-        """What the last layer sees of windows as `represent` gives them."""
+        """Return what the last layer sees of windows that `represent` returned."""
         raise NotImplementedError
 
     def features(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window feature"]:
-        """What the last layer sees of each window."""
+        """Return what the last layer sees of each window."""
         return self.encode(self.represent(windows))
 
     def forward(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window class"]:
-        """Score per class and window, before softmax."""
+        """Return the score per class and window, before softmax."""
         scores: Tensor = self.head(self.features(windows))
         return scores
 
     def pretrain(self, windows: Float[Tensor, "window ..."], seed: int) -> None:
-        """Bring the weights where the supervised epochs are to start, without any class; most
-        networks do nothing.
+        """Set the weights from which supervised epochs start, without classes.
 
-        `fit` calls it once, with what `represent` gives of all its training windows.
+        Most networks do nothing. `fit` calls it once, with what `represent` returns of all its
+        training windows.
         """
 
     def fresh(self: N, seed: int) -> N:
-        """A network of the same settings with weights drawn from `seed`; the process's random state
-        stays as it is.
+        """Return a network of the same settings with weights drawn from `seed`.
+
+        The process's random state does not change.
         """
         with TorchStream(seed):
             return type(self)(**self.settings)
@@ -106,7 +107,7 @@ class Network(Configured, nn.Module):
         return {name: value.cpu().numpy() for name, value in self.state_dict().items()}
 
     def loaded(self: N, weights: Mapping[str, np.ndarray]) -> N:
-        """This network in evaluation mode, with the weights of a saved one."""
+        """Return this network in evaluation mode, with saved weights."""
         self.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})
         return self.eval()
 
@@ -115,46 +116,48 @@ class Network(Configured, nn.Module):
         windows: Float32[np.ndarray, "window channel time"],
         turns: Float[np.ndarray, " window"],
     ) -> Float64[np.ndarray, "window class"]:
-        """Probability of each class; NaN where a feature or a score of the window is no finite
-        number.
-        """
+        """Return the probability of each class; NaN if a feature or a score is not finite."""
 
         def answer(represented: Tensor) -> Tensor:
             features = self.encode(represented)
             probability = torch.softmax(self.head(features).double(), dim=-1)
-            finite = [
-                part.flatten(1).isfinite().all(dim=1)
-                for part in (represented, features, probability)
-            ]
-            return probability.masked_fill(~torch.stack(finite).all(dim=0)[:, None], torch.nan)
+            is_finite = torch.stack(
+                [
+                    values.flatten(1).isfinite().all(dim=1)
+                    for values in (represented, features, probability)
+                ]
+            ).all(dim=0)
+            return probability.masked_fill(~is_finite[:, None], torch.nan)
 
-        return self._through(windows, turns, answer)
+        return self._apply_to(windows, turns, answer)
 
     def embedding(
         self,
         windows: Float32[np.ndarray, "window channel time"],
         turns: Float[np.ndarray, " window"],
     ) -> Float64[np.ndarray, "window feature"]:
-        """What the last layer sees of each window."""
-        return self._through(windows, turns, lambda represented: self.encode(represented).double())
+        """Return what the last layer sees of each window."""
+        return self._apply_to(windows, turns, lambda represented: self.encode(represented).double())
 
-    def _through(
-        self, windows: np.ndarray, turns: np.ndarray, step: Callable[[Tensor], Tensor]
+    def _apply_to(
+        self, windows: np.ndarray, turns: np.ndarray, function: Callable[[Tensor], Tensor]
     ) -> np.ndarray:
+        """Return a function of the representation of windows, computed where the weights lie."""
         device = next(self.parameters()).device
         with torch.no_grad():
-            batch, speed = (torch.from_numpy(part).to(device) for part in (windows, turns))
-            return step(self.represent_at(batch, speed)).cpu().numpy()
+            represented = self.represent_at(
+                torch.from_numpy(windows).to(device), torch.from_numpy(turns).to(device)
+            )
+            return function(represented).cpu().numpy()
 
 
 class OwnModule(Network):
-    """A person's own `torch.nn.Module`, which `register_network` made known; `embed` gives its
-    scores.
+    """A user's `torch.nn.Module` that `register_network` registered; `embed` returns its scores.
 
     Raises
     ------
     InputError
-        The function gives no module, or one without weights.
+        The function returns no module, or one without weights.
     """
 
     build: ClassVar[Callable[..., nn.Module]]
@@ -165,7 +168,8 @@ class OwnModule(Network):
         module = type(self).build(n_channels, n_classes, length, **settings)
         if not isinstance(module, nn.Module):
             raise InputError(
-                f"network {self.name!r} was built as a {type(module).__name__}; it must be an nn.Module."
+                f"network {self.name!r} was built as a {type(module).__name__}; it must be an "
+                "nn.Module."
             )
         if not any(True for _ in module.parameters()):
             raise InputError(f"network {self.name!r} has no weight to train.")
@@ -175,11 +179,18 @@ class OwnModule(Network):
     def encode(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window class"]:
-        """Score per class and window; an `InputError` where the module gives another shape."""
+        """Return the score per class and window.
+
+        Raises
+        ------
+        InputError
+            The module returns another shape.
+        """
         scores: Tensor = self.module(windows)
-        if scores.shape != (len(windows), self.n_classes):
+        expected = (len(windows), self.n_classes)
+        if scores.shape != expected:
             raise InputError(
-                f"network {self.name!r} gives the shape {tuple(scores.shape)} for {len(windows)} windows; it must give "
-                f"one score per class, {(len(windows), self.n_classes)}, before softmax."
+                f"network {self.name!r} gives the shape {tuple(scores.shape)} for {len(windows)} "
+                f"windows; it must give one score per class, {expected}, before softmax."
             )
         return scores

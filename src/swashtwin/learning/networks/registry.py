@@ -1,6 +1,4 @@
-"""Networks by name, and their settings, checked against the constructor before anything is
-built.
-"""
+"""Networks by name, and the check of their settings before anything is built."""
 
 import difflib
 import inspect
@@ -29,22 +27,21 @@ NETWORKS: dict[str, type | tuple[str, str]] = {
     "random_forest": ("tree_network", "RandomForest"),
     "bitcn": ("bitcn", "BiTCN"),
 }
-"""Class of each network, or module and name of a class of this package that nobody needed yet
-(`network_class`).
+"""Class of each network, or module and name of a class that is not imported yet (`network_class`).
 """
 
 BUILT_IN = frozenset(NETWORKS)
-"""Names of the networks of this package, which no other network can take."""
+"""Names of the networks of this package, which no other network can use."""
 _ENTRY_POINTS = "swashtwin.networks"
 
 
 def network_class(name: str) -> Any:
-    """Class of the network of that name; a saved model is built again by it.
+    """Return the class of a network; a saved model is built again by it.
 
     Raises
     ------
     InputError
-        No network is called so; the nearest is offered.
+        The name is unknown; the nearest is suggested.
     MissingExtraError
         The network needs torch, which is not installed.
     """
@@ -52,41 +49,44 @@ def network_class(name: str) -> Any:
         for entry in entry_points(group=_ENTRY_POINTS, name=name):
             register_network(name, entry.load())
     if name not in NETWORKS:
-        near = difflib.get_close_matches(name.lower(), NETWORKS, n=1, cutoff=0.3)
-        hint = f" Did you mean {near[0]!r}?" if near else ""
+        matches = difflib.get_close_matches(name.lower(), NETWORKS, n=1, cutoff=0.3)
+        hint = f" Did you mean {matches[0]!r}?" if matches else ""
         raise InputError(
             f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}.{hint}"
         )
-    found = NETWORKS[name]
-    if isinstance(found, tuple):
+
+    network = NETWORKS[name]
+    if isinstance(network, tuple):
+        module_name, class_name = network
         module = load_extra(
-            f"swashtwin.learning.networks.{found[0]}", "networks", f"the network {name}"
+            f"swashtwin.learning.networks.{module_name}", "networks", f"the network {name}"
         )
-        found = NETWORKS[name] = getattr(module, found[1])
-    return found
+        network = getattr(module, class_name)
+        NETWORKS[name] = network
+    return network
 
 
 def register_network(name: str, network: "type[AnyNetwork] | Callable[..., nn.Module]") -> None:
-    """Make an own network known under `name`, to be trained, saved and loaded like any other.
+    """Register a network under `name`, to be trained, saved and loaded like any other.
 
-    A saved model names its network only, so the same call must come before it is loaded elsewhere.
-    A package can have it made automatically, for the command line too, by an entry point `name` of
-    the group ``swashtwin.networks`` that points at `network`.
+    A saved model holds the name of its network only, so the same call must come before it is loaded
+    elsewhere. A package can register one automatically, for the command line too, by an entry point
+    `name` of the group ``swashtwin.networks`` that points at `network`.
 
     Parameters
     ----------
     name : new name; registering it again replaces the earlier network.
-    network : a function, or a class, that gives a `torch.nn.Module` from ``(n_channels, n_classes,
-        length)``. The module takes scaled windows ``(window, channel, sample)`` and gives
-        ``(window, class)`` scores before softmax. Further arguments with defaults are settings. Or
-        a subclass of `Network`, or of `SolvedNetwork` where numpy finds the weights at once, which
-        has this `name`.
+    network : a function, or a class, that returns a `torch.nn.Module` from ``(n_channels,
+        n_classes, length)``. The module takes scaled windows ``(window, channel, sample)`` and
+        returns ``(window, class)`` scores before softmax. Further arguments with defaults are
+        settings. Or a subclass of `Network`, or of `SolvedNetwork` if numpy finds the weights at
+        once, that has this `name`.
 
     Raises
     ------
     InputError
-        The name is empty, belongs to a network of this package, or the class has another name; or
-        it takes other arguments.
+        The name is empty, belongs to a network of this package, or is not that of the class; or
+        the function takes other arguments.
 
     Examples
     --------
@@ -99,32 +99,36 @@ def register_network(name: str, network: "type[AnyNetwork] | Callable[..., nn.Mo
     >>> del NETWORKS["linear"]
     """
     if not name:
-        raise InputError("a network needs a name that is not empty; a saved model is loaded by it.")
+        raise InputError("A network needs a name that is not empty: a saved model is loaded by it.")
     if name in BUILT_IN:
         raise InputError(f"the name {name!r} belongs to a network of swashtwin; choose another.")
-    own: Any = network
-    if hasattr(own, "represent_at"):
-        if own.name != name:
-            raise InputError(f"{own.__name__}.name is {own.name!r}; register it under that name.")
-        NETWORKS[name] = own
-    else:
-        from swashtwin.learning.networks.network import OwnModule
 
-        signature = inspect.signature(network)
-        try:
-            signature.bind(1, 2, 64)
-        except TypeError as cause:
+    candidate: Any = network
+    if hasattr(candidate, "represent_at"):
+        if candidate.name != name:
             raise InputError(
-                f"network {name!r} is called with (n_channels, n_classes, length), but takes {signature}: {cause}; "
-                "give further arguments defaults."
-            ) from None
-        NETWORKS[name] = type(name, (OwnModule,), {"name": name, "build": staticmethod(network)})
+                f"{candidate.__name__}.name is {candidate.name!r}; register it under that name."
+            )
+        NETWORKS[name] = candidate
+        return
+
+    from swashtwin.learning.networks.network import OwnModule
+
+    signature = inspect.signature(network)
+    try:
+        signature.bind(1, 2, 64)
+    except TypeError as cause:
+        raise InputError(
+            f"network {name!r} is called with (n_channels, n_classes, length), but takes "
+            f"{signature}: {cause}; give further arguments defaults."
+        ) from None
+    NETWORKS[name] = type(name, (OwnModule,), {"name": name, "build": staticmethod(network)})
 
 
 def build_network(
     name: str, n_channels: int, n_classes: int, *, length: int | None = None, **settings: Any
 ) -> AnyNetwork:
-    """The network of that name with untrained weights.
+    """Return the network of that name with untrained weights.
 
     Parameters
     ----------
@@ -133,8 +137,7 @@ def build_network(
     Raises
     ------
     InputError
-        No network or none of its settings is called so (the nearest is offered), or a setting
-        cannot be.
+        The network or a setting is unknown (the nearest is suggested), or a setting is invalid.
     MissingExtraError
         The network needs torch, which is not installed.
     """
@@ -143,7 +146,7 @@ def build_network(
     if hasattr(kind, "build"):
         if length is None:
             raise InputError(
-                f"network {name!r} is built for one window length; give that length, in samples."
+                f"network {name!r} is built for one window length: specify that length, in samples."
             )
         checked["length"] = length
     sizes = {"n_channels": n_channels, "n_classes": n_classes}
@@ -159,89 +162,98 @@ def build_network(
 def rebuild_network(
     name: str, settings: dict[str, Any], weights: Mapping[str, np.ndarray]
 ) -> AnyNetwork:
-    """The network of that name with settings and weights of a saved one.
+    """Return the network of that name with settings and weights of a saved one.
 
     Raises
     ------
     InputError
         As `build_network`.
     ValueError
-        The weights are not those of a network with these settings; one of this package takes no
-        memory before.
+        The weights misfit the settings. Those of a network of this package are checked before it
+        takes any memory.
     """
     if not issubclass(network_class(name), SolvedNetwork) and name in BUILT_IN:
         import torch
 
+        # The meta device has shapes but no memory: settings of a damaged file may be huge.
         with torch.device("meta"):
             unloaded: Any = build_network(name, **settings)
-        needed = {key: tuple(value.shape) for key, value in unloaded.state_dict().items()}
-        require_shapes(needed, weights)
+        shapes = {key: tuple(value.shape) for key, value in unloaded.state_dict().items()}
+        require_shapes(shapes, weights)
     return build_network(name, **settings).loaded(weights)
 
 
 def default_settings(kind: Any) -> dict[str, Any]:
-    """Default of every setting of a network by name; a subclass has those of its base class too."""
+    """Return the default of every setting of a network class, those of its base classes included."""
+    build = getattr(kind, "build", None)  # of a user's own module
+    if build:
+        constructors = [build]
+    else:
+        constructors = [vars(owner).get("__init__", kind.__init__) for owner in kind.__mro__]
+
     defaults: dict[str, Any] = {}
-    build = getattr(kind, "build", None)  # of a person's own module
-    for constructor in (
-        [build] if build else [vars(owner).get("__init__", kind.__init__) for owner in kind.__mro__]
-    ):
+    for constructor in constructors:
         parameters = inspect.signature(constructor).parameters.values()
-        defaults |= {
-            item.name: item.default for item in parameters if item.default is not item.empty
-        }
-        if all(item.kind is not item.VAR_KEYWORD for item in parameters):
+        for parameter in parameters:
+            if parameter.default is not parameter.empty:
+                defaults[parameter.name] = parameter.default
+        # A constructor passes further arguments on only if it takes `**settings`.
+        if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters):
             break
     return defaults
 
 
 def checked_settings(kind: Any, settings: dict[str, Any]) -> dict[str, Any]:
-    """`settings` as the constructor takes them: one entry for a setting of several becomes a tuple
-    of one.
+    """Return settings as the constructor takes them.
+
+    A single entry for a setting of several becomes a tuple of one.
 
     Raises
     ------
     InputError
-        The network has no setting of that name (the nearest is offered), or the value is of another
-        kind.
+        The network has no setting of that name (the nearest is suggested), or the value is of
+        another kind.
     """
     defaults = default_settings(kind)
     checked = {}
-    for word, value in settings.items():
-        if word not in defaults:
-            near = difflib.get_close_matches(word, defaults, n=1)
-            hint = f" Did you mean {near[0]}?" if near else ""
+    for name, value in settings.items():
+        if name not in defaults:
+            matches = difflib.get_close_matches(name, defaults, n=1)
+            hint = f" Did you mean {matches[0]}?" if matches else ""
             raise InputError(
-                f"network {kind.name} has no setting {word!r}; it has {', '.join(defaults)}.{hint}"
+                f"network {kind.name} has no setting {name!r}; it has {', '.join(defaults)}.{hint}"
             )
-        checked[word] = _checked(f"{kind.name}: {word}", value, defaults[word])
+        checked[name] = _check_value(f"{kind.name}: {name}", value, defaults[name])
     return checked
 
 
 _KINDS: dict[type, tuple[Any, str]] = {
-    bool: (bool, "true or false"), int: (Integral, "a whole number"), float: (Real, "a number"), str: (str, "a word"),
-}  # fmt: skip
-"""What a setting with a default of such a type may be."""
+    bool: (bool, "true or false"),
+    int: (Integral, "a whole number"),
+    float: (Real, "a number"),
+    str: (str, "a word"),
+}
+"""Values that a setting takes by the type of its default; bool comes first, as it is an int too."""
 
 
-def _checked(what: str, value: Any, default: Any) -> Any:
-    if default is None or isinstance(
-        default, tuple
-    ):  # none by default: whole numbers, worked out from the others
+def _check_value(setting: str, value: Any, default: Any) -> Any:
+    """Return a value in the type of the default; tuples entry by entry."""
+    if default is None or isinstance(default, tuple):
         if value is None and default is None:
             return None
-        entries = (
-            tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
-        )
-        return tuple(_checked(what, entry, default[0] if default else 1) for entry in entries)
-    kind, expected = next(
-        (known for usual, known in _KINDS.items() if isinstance(default, usual)), _KINDS[str]
-    )
+        is_several = isinstance(value, Sequence) and not isinstance(value, str)
+        entries = tuple(value) if is_several else (value,)
+        # A default of None stands for whole numbers that follow from other settings.
+        entry_default = default[0] if default else 1
+        return tuple(_check_value(setting, entry, entry_default) for entry in entries)
+
+    kind, description = _KINDS[str]
+    for default_type, entry in _KINDS.items():
+        if isinstance(default, default_type):
+            kind, description = entry
+            break
     is_bool_for_number = isinstance(value, bool) and kind is not bool
-    if (
-        not isinstance(value, kind)
-        or is_bool_for_number
-        or (kind is Real and not math.isfinite(value))
-    ):
-        raise InputError(f"{what} ({value}) must be {expected}; {default} is usual.")
+    is_kind = isinstance(value, kind) and not is_bool_for_number
+    if not is_kind or (kind is Real and not math.isfinite(value)):
+        raise InputError(f"{setting} ({value}) must be {description}; the default is {default}.")
     return type(default)(value)

@@ -1,5 +1,6 @@
-"""Ensembles of decision trees on vibration features, kept as arrays that are read without running
-code.
+"""Ensembles of decision trees on vibration features, kept as plain arrays.
+
+Arrays can be read from a file without running code, which a pickle cannot.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,126 +17,149 @@ from swashtwin.learning.networks.solved_network import SolvedNetwork
 
 @dataclass(frozen=True, eq=False)
 class Forest:
-    """Decision trees whose nodes stand in one row: those of the first tree, then those of the
-    second, and so on.
-    """
+    """Decision trees whose nodes stand in one row, tree after tree."""
 
     root: Int[np.ndarray, " tree"]
     """First node of each tree."""
     column: Int[np.ndarray, " node"]
     """Column that a node compares; -1 in a leaf."""
     threshold: Float[np.ndarray, " node"]
-    """A row goes left where its value is at most this."""
+    """A row goes left if its value is at most this."""
     left: Int[np.ndarray, " node"]
     """Node on the left; a leaf names itself. The node on the right follows it."""
     probability: Float[np.ndarray, "node class"]
-    """Share of each class among the training rows that came to a node, classes weighted alike."""
+    """Share of each class among the training rows in a node, classes weighted alike."""
 
     def leaves(self, values: Float[np.ndarray, "row column"]) -> Int[np.ndarray, "row tree"]:
-        """Leaf to which each row comes in each tree."""
+        """Return the leaf that each row reaches in each tree."""
         node = np.repeat(self.root[None], len(values), axis=0)
         rows = np.arange(len(values))[:, None]
-        while (inner := (column := self.column[node]) >= 0).any():
-            node = self.left[node] + (inner & ~(values[rows, column] <= self.threshold[node]))
-        return node
+        while True:
+            column = self.column[node]
+            is_inner = column >= 0
+            if not is_inner.any():
+                return node
+            goes_right = is_inner & ~(values[rows, column] <= self.threshold[node])
+            node = self.left[node] + goes_right
 
     def predict_proba(
         self, values: Float[np.ndarray, "row column"]
     ) -> Float[np.ndarray, "row class"]:
-        """Probability of each class: the mean over the trees."""
+        """Return the probability of each class: the mean over the trees."""
         return self.probability[self.leaves(values)].mean(axis=1)
 
-    def tensors(self, share: type = np.float16) -> dict[str, np.ndarray]:
-        """Its arrays by name, as narrow as they may be; the shares of classes in a leaf as numbers
-        of type `share`.
+    def tensors(self, share_type: type = np.float16) -> dict[str, np.ndarray]:
+        """Return its arrays by name, in narrow types.
+
+        Parameters
+        ----------
+        share_type : type of the shares of classes in a leaf.
         """
-        narrow = {"root": np.int32, "column": np.int16, "threshold": np.float32, "left": np.int32}
-        arrays = {name: getattr(self, name).astype(kind) for name, kind in narrow.items()}
-        return {**arrays, "leaf_probability": self.probability[self.column < 0].astype(share)}
+        return {
+            "root": self.root.astype(np.int32),
+            "column": self.column.astype(np.int16),
+            "threshold": self.threshold.astype(np.float32),
+            "left": self.left.astype(np.int32),
+            "leaf_probability": self.probability[self.column < 0].astype(share_type),
+        }
 
     @classmethod
     def of_tensors(cls, tensors: dict[str, np.ndarray]) -> "Forest":
-        """The forest whose `tensors` these are; a `ValueError` where they contradict each other."""
-        root, column, left = (tensors[name].astype(np.int64) for name in ("root", "column", "left"))
+        """Return the forest of `tensors`; raise a `ValueError` if they contradict each other."""
+        root = tensors["root"].astype(np.int64)
+        column = tensors["column"].astype(np.int64)
+        left = tensors["left"].astype(np.int64)
         threshold = tensors["threshold"].astype(np.float64)
-        of_leaves = tensors["leaf_probability"].astype(np.float64)
-        nodes, leaf = np.arange(column.size), column < 0
-        fits = (
+        leaf_probability = tensors["leaf_probability"].astype(np.float64)
+        is_leaf = column < 0
+
+        has_sizes = (
             column.ndim == 1
             and column.shape == threshold.shape == left.shape
-            and of_leaves.shape[0] == leaf.sum()
+            and leaf_probability.shape[0] == is_leaf.sum()
         )
-        if not fits or root.size == 0 or not ((root >= 0) & (root < column.size)).all():
+        if not has_sizes or root.size == 0 or not ((root >= 0) & (root < column.size)).all():
             raise ValueError("its trees have not one entry for each node")
-        if (left[leaf] != nodes[leaf]).any() or (left[~leaf] <= nodes[~leaf]).any():
+        # Without these two, walking down a tree of a damaged file would never end, or leave it.
+        nodes = np.arange(column.size)
+        if (left[is_leaf] != nodes[is_leaf]).any() or (left[~is_leaf] <= nodes[~is_leaf]).any():
             raise ValueError("a node of its trees leads back")
-        if (left[~leaf] + 1 >= column.size).any():
+        if (left[~is_leaf] + 1 >= column.size).any():
             raise ValueError("a node of its trees leads out of them")
-        probability = np.full((column.size, of_leaves.shape[1]), 1 / of_leaves.shape[1])
-        probability[leaf] = of_leaves / of_leaves.sum(axis=1, keepdims=True)
+
+        n_classes = leaf_probability.shape[1]
+        probability = np.full((column.size, n_classes), 1 / n_classes)
+        probability[is_leaf] = leaf_probability / leaf_probability.sum(axis=1, keepdims=True)
         return cls(root, column, threshold, left, probability)
 
 
-def forest_of(grown: Sequence[Any], classes: Int[np.ndarray, " class"], n_classes: int) -> Forest:
-    """The forest of trees that scikit-learn grew, whose classes are some of the numbers below
-    `n_classes`.
+def forest_of(
+    estimators: Sequence[Any], classes: Int[np.ndarray, " class"], n_classes: int
+) -> Forest:
+    """Return the forest of trees that scikit-learn grew.
+
+    Parameters
+    ----------
+    classes : classes of the trees, some of the numbers below `n_classes`.
     """
     parts: list[tuple[np.ndarray, ...]] = []
-    roots, first = [], 0
-    for tree in (estimator.tree_ for estimator in grown):
-        parts.append(_in_pairs(tree, first))
-        roots.append(first)
-        first += tree.node_count
-    column, threshold, left, probability = (
-        np.concatenate(part) for part in zip(*parts, strict=True)
-    )
-    of_all = np.zeros((len(probability), n_classes))
-    of_all[:, classes] = probability
+    roots = []
+    n_nodes = 0
+    for estimator in estimators:
+        parts.append(_pair_children(estimator.tree_, n_nodes))
+        roots.append(n_nodes)
+        n_nodes += estimator.tree_.node_count
+    column, threshold, left, shares = (np.concatenate(part) for part in zip(*parts, strict=True))
+
+    probability = np.zeros((n_nodes, n_classes))
+    probability[:, classes] = shares
     return Forest(
-        np.array(roots), column.astype(np.int64), threshold, left.astype(np.int64), of_all
+        np.array(roots), column.astype(np.int64), threshold, left.astype(np.int64), probability
     )
 
 
-def _in_pairs(tree: Any, first: int) -> tuple[np.ndarray, ...]:
-    """Arrays of a tree of scikit-learn, renumbered so that the right child of a node follows its
-    left one.
+def _pair_children(tree: Any, first: int) -> tuple[np.ndarray, ...]:
+    """Return column, threshold, left child and shares of the nodes of a tree of scikit-learn.
+
+    The nodes are renumbered from `first` on, so that the right child follows the left one.
     """
-    left, right = tree.children_left, tree.children_right
-    order, queue = [0], [0]
-    for node in queue:
+    left = tree.children_left
+    right = tree.children_right
+    order = [0]
+    for node in order:  # grows while it is read: breadth first
         if left[node] >= 0:
             order += [left[node], right[node]]
-            queue += [left[node], right[node]]
     position = np.empty(len(order), dtype=np.int64)
     position[order] = np.arange(len(order))
-    leaf = left[order] < 0
-    threshold = tree.threshold[order].astype(
-        np.float32
-    )  # rows in single precision compare with the next one below it
-    threshold = np.where(
-        threshold > tree.threshold[order], np.nextafter(threshold, np.float32(-np.inf)), threshold
-    )
-    probability = tree.value[order, 0]
+    is_leaf = left[order] < 0
+
+    # Rows of single precision are compared: the next such number at or below the threshold parts
+    # them the same way.
+    exact = tree.threshold[order]
+    threshold = exact.astype(np.float32)
+    below = np.nextafter(threshold, np.float32(-np.inf))
+    threshold = np.where(threshold > exact, below, threshold)
+
+    shares = tree.value[order, 0]
     return (
-        np.where(leaf, -1, tree.feature[order]),
-        np.where(leaf, 0.0, threshold),
-        first + np.where(leaf, np.arange(len(order)), position[left[order]]),
-        probability / probability.sum(axis=1, keepdims=True),
+        np.where(is_leaf, -1, tree.feature[order]),
+        np.where(is_leaf, 0.0, threshold),
+        first + np.where(is_leaf, np.arange(len(order)), position[left[order]]),
+        shares / shares.sum(axis=1, keepdims=True),
     )
 
 
 class ExtraTrees(SolvedNetwork):
-    """Extremely randomized trees (Geurts, Ernst and Wehenkel 2006, DOI 10.1007/s10994-006-6226-1)
-    on `feature_values`.
+    """Extremely randomized trees on `feature_values`.
 
-    Trees need no scaling, no selection and hardly a setting: compare a network with them first.
-    scikit-learn grows them; they are kept as arrays (`Forest`), so that neither a file nor an
-    answer needs it.
+    Geurts, Ernst and Wehenkel 2006, DOI 10.1007/s10994-006-6226-1. Trees need no scaling, no
+    selection and hardly a setting: compare a network with them first. scikit-learn grows them; they
+    are kept as arrays (`Forest`), so that neither a file nor an answer needs it.
 
     Parameters
     ----------
     n_channels : channels of a window.
-    n_classes : classes told apart.
+    n_classes : number of classes.
     trees : number of trees.
 
     Examples
@@ -157,7 +181,7 @@ class ExtraTrees(SolvedNetwork):
         windows: Float32[np.ndarray, "window channel time"],
         turns: Float[np.ndarray, " window"],
     ) -> Float32[np.ndarray, "window feature"]:
-        """`feature_values`; the speed is not looked at."""
+        """Return `feature_values`; the speed is not used."""
         with np.errstate(over="ignore", invalid="ignore"):
             return feature_values(windows).astype(np.float32)
 
@@ -171,34 +195,27 @@ class ExtraTrees(SolvedNetwork):
         import sklearn.ensemble
 
         state = derive_seed(seed, self.name.replace("_", " ")) % 2**32
-        grown: Any = getattr(sklearn.ensemble, self.estimator)(
-            self.settings["trees"], random_state=state, n_jobs=1
-        )
-        grown.fit(values, target)
-        self.loaded(
-            forest_of(grown.estimators_, grown.classes_, self.n_classes).tensors(np.float32)
-        )
+        ensemble_class: Any = getattr(sklearn.ensemble, self.estimator)
+        ensemble = ensemble_class(self.settings["trees"], random_state=state, n_jobs=1)
+        ensemble.fit(values, target)
+        forest = forest_of(ensemble.estimators_, ensemble.classes_, self.n_classes)
+        self.loaded(forest.tensors(np.float32))
 
     def loaded(self, weights: Mapping[str, np.ndarray]) -> "ExtraTrees":
-        """These trees with the nodes of saved ones; a `ValueError` where those contradict each
-        other.
-        """
+        """Return these trees with saved nodes; raise a `ValueError` if they are contradictory."""
         forest = Forest.of_tensors(dict(weights))
         n_columns = len(feature_names([""] * self.n_channels))
-        if (
-            forest.probability.shape[1] != self.n_classes
-            or forest.column.max(initial=-1) >= n_columns
-        ):
+        has_classes = forest.probability.shape[1] == self.n_classes
+        if not has_classes or forest.column.max(initial=-1) >= n_columns:
             raise ValueError("its trees do not fit the classes and channels")
-        self.weights, self.forest = dict(weights), forest
+        self.weights = dict(weights)
+        self.forest = forest
         return self
 
     def scores(
         self, values: Float32[np.ndarray, "window feature"]
     ) -> Float64[np.ndarray, "window class"]:
-        """Logarithm of the mean over the trees of the share of each class in the leaf that a window
-        comes to.
-        """
+        """Return the logarithm of the mean share of each class in the leaves of a window."""
         assert self.forest is not None
         return np.log(np.maximum(self.forest.predict_proba(values), 1e-300))
 

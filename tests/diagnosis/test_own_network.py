@@ -95,7 +95,7 @@ def test_wrong_registrations_and_wrong_modules_are_refused(registered):
     register_network("number", lambda n_channels, n_classes, length: 7)
     with pytest.raises(InputError, match=r"was built as a int; it must be an nn\.Module"):
         build_network("number", 1, 2, length=64)
-    with pytest.raises(InputError, match="give that length"):
+    with pytest.raises(InputError, match="specify that length"):
         build_network("number", 1, 2)
     register_network("flat", lambda n_channels, n_classes, length: nn.Flatten())
     with pytest.raises(InputError, match="'flat' has no weight to train"):

@@ -327,8 +327,9 @@ def synchronous_signal(
 ) -> Float[np.ndarray, "channel time"]:
     """Return the signal Re sum_k lines_k exp(i k angle) along a shaft angle [rad].
 
-    The angle may advance unevenly. One revolution is tabulated on a grid of at least 32 points per shortest period and read off by
-    interpolation; its error is below 0.5 % of the sum of the lines' magnitudes.
+    The angle may advance unevenly. One revolution is tabulated on a grid of at least 32 points per
+    shortest period and read off by interpolation; its error is below 0.5 % of the sum of the lines'
+    magnitudes.
     """
     n_grid = 1 << max(12, math.ceil(math.log2(32 * (int(orders.max()) + 1))))
     all_lines = np.zeros((lines.shape[0], n_grid // 2 + 1), dtype=complex)
@@ -346,7 +347,8 @@ def aligned(
 ) -> Float[np.ndarray, "channel time"]:
     """Return the stretch of `simulated` that correlates best with `measured`.
 
-    It is as long as `measured`, and all channels count together. With `simulated` one period longer than `measured`, every phase is tried.
+    It is as long as `measured`, and all channels count together. With `simulated` one period
+    longer than `measured`, every phase is tried.
 
     Raises
     ------
@@ -405,7 +407,8 @@ def spectral_correlation(
 ) -> float:
     """Return Pearson's correlation of the levels in dB, over all channels and orders.
 
-    1 is a spectrum of the same shape. A level is 20 log10 of the amplitude, no lower than 60 dB below the strongest measured line
+    1 is a spectrum of the same shape. A level is 20 log10 of the amplitude, no lower than 60 dB
+    below the strongest measured line
     (`LEVEL_RANGE_DB`), the same floor for both sides. A common gain does not change it. It is 0 if
     the levels of one side are all equal.
 

@@ -75,7 +75,7 @@ def test_a_fact_is_edited_in_place_by_key_and_for_several_and_undone(tab, served
 
     before = labels()
     enter(tab, "#recordings")
-    playwright.expect(tab.locator("text=still being read")).to_have_count(0)
+    playwright.expect(tab.locator("text=being read")).to_have_count(0)
     row = tab.locator("tr", has=tab.get_by_role("link", name="A_normal_15MPa_1"))
     row.get_by_title("Edit class").click()
     tab.get_by_label("Class", exact=True).fill("piston")

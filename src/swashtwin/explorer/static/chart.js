@@ -1,407 +1,742 @@
-// Figures on a canvas: zoom, move, read values, and copy as SVG and CSV.
+/** Charts on a canvas: zoom, move, read values, and copy as SVG and CSV. */
+import { CanvasPen, SvgPen } from "./drawing.js";
+import { element, showMessage } from "./elements.js";
+import { formatDecibels, formatNumber, formatQuantity, formatUnit } from "./numbers.js";
 
-export function h(tag, attributes = {}, ...children) {
-  // an element; names that begin with "on" are listeners
-  const element = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (value === null || value === undefined) continue;
-    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
-    else if (name in element && typeof value !== "string") element[name] = value;
-    else element.setAttribute(name, value);
-  }
-  element.append(...children.flat().filter((child) => child !== null && child !== undefined));
-  return element;
-}
+/** @typedef {import("./types.js").Range} Range */
+/** @typedef {import("./types.js").Series} Series */
+/** @typedef {import("./drawing.js").Pen} Pen */
 
-export const choose = (label, options, value, onchange) =>
-  h("label", {}, label, " ", h("select", { onchange: (event) => onchange(event.target.value) }, options.map(([key, text]) => h("option", { value: key, selected: String(key) === String(value) }, text))));
+/**
+ * @typedef {object} Picture A picture that fills the field, such as a waterfall.
+ * @property {HTMLCanvasElement} canvas
+ * @property {number} x End of its horizontal axis; it begins at 0.
+ * @property {number} y End of its vertical axis.
+ * @property {(x: number, y: number) => string} describe Describes the value at a position.
+ *
+ * @typedef {object} Scale Where the pen draws.
+ * @property {(x: number) => number} across Pixel of a position.
+ * @property {(y: number) => number} up Pixel of a value.
+ * @property {(name: string) => string} color Color of the style sheet.
+ * @property {number} bottom Pixel of the field's lower edge.
+ * @property {number} right Pixel of the field's right edge.
+ * @property {number} minimum Lower end of the vertical axis; its logarithm if that is logarithmic.
+ * @property {number} maximum Upper end of the vertical axis.
+ *
+ * @typedef {object} ChartOptions
+ * @property {string} title
+ * @property {string} x Name of the horizontal axis.
+ * @property {string} y Name of the vertical axis.
+ * @property {string} [unit] Unit of the values.
+ * @property {Range} limits Ends of the horizontal axis.
+ * @property {Range} [view] Part of it that is shown.
+ * @property {boolean} [log] Whether the vertical axis is logarithmic.
+ * @property {number} [height] [px]
+ * @property {Series[]} [series]
+ * @property {{low: Series, high: Series}[]} [areas]
+ * @property {[number, string, boolean][]} [marks] Position, name, and whether it is emphasized.
+ * @property {Picture} [picture]
+ * @property {number | null} [shaft] Shaft frequency, to state positions as orders too.
+ * @property {((low: number, high: number) => void) | null} [onBand] Called when a band is dragged.
+ * @property {(view: Range) => void} [onMove] Called when another part is shown.
+ * @property {(pen: Pen, scale: Scale) => void} [drawOver] Draws over the series.
+ */
 
-export const say = (text) => {
-  const place = document.getElementById("message");
-  place.textContent = text;
-  clearTimeout(say.timer);
-  say.timer = setTimeout(() => { place.textContent = ""; }, 6000);
-};
+const LEFT = 56;
+const RIGHT = 10;
+const TOP = 30;
+const BOTTOM = 24;
 
-export const short = (value, digits = 3) =>
-  value === null || !Number.isFinite(value) ? "—"
-    : value !== 0 && (Math.abs(value) < 1e-3 || Math.abs(value) >= 1e6) ? value.toExponential(digits - 1) : String(Number(value.toPrecision(digits)));
+/** Decades that a logarithmic axis shows below its largest value. */
+const MAX_DECADES = 6;
+/** Shortest part that can be shown, as a share of the whole. */
+const MIN_VIEW = 1e-6;
+/** Series whose values are stated at the pointer. */
+const MAX_READ_SERIES = 6;
+/** Distance of the pointer within which a spectrum's peak is read [px]. */
+const PEAK_REACH = 6;
+/** Distance of a drag that is not a click [px]. */
+const MIN_DRAG = 5;
+const CSV_ROWS = 1e5;
 
-export const unpack = (text) => new Float32Array(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
-
-export function decibel(value, unit) {
-  // level re 1 µm/s² (ISO 1683), or re one unit
-  const isMetric = unit === "m/s^2";
-  return `${(20 * Math.log10(value / (isMetric ? 1e-6 : 1))).toFixed(1)} dB${isMetric ? "" : ` re 1 ${unit}`}`;
-}
-
-export function inUnits(value, unit) {
-  const gravity = unit === "m/s^2" ? ` (${short(value / 9.80665)} g)` : "";
-  return `${short(value)} ${unit.replace("m/s^2", "m/s²")}${gravity}`;
-}
-
-class CanvasPen {
-  constructor(context) { this.context = context; }
-  line(points, color, { width = 1, dash = [], fill = null } = {}) {
-    const pen = this.context;
-    pen.beginPath();
-    let isDown = false;
-    for (let n = 0; n < points.length; n += 2) {
-      const isThere = points[n + 1] === points[n + 1];
-      if (isThere) pen[isDown ? "lineTo" : "moveTo"](points[n], points[n + 1]);
-      isDown = isThere;
-    }
-    if (fill) { pen.fillStyle = fill; pen.fill(); return; }
-    pen.setLineDash(dash);
-    pen.strokeStyle = color;
-    pen.lineWidth = width;
-    pen.stroke();
-  }
-  text(text, x, y, color, anchor = "start") {
-    this.context.fillStyle = color;
-    this.context.textAlign = anchor === "middle" ? "center" : anchor;
-    this.context.fillText(text, x, y);
-  }
-  image(canvas, part, x, y, width, height) { this.context.drawImage(canvas, ...part, x, y, width, height); }
-  within(x, y, width, height, draw) {
-    this.context.save();
-    this.context.beginPath();
-    this.context.rect(x, y, width, height);
-    this.context.clip();
-    draw();
-    this.context.restore();
-  }
-}
-
-class SvgPen {
-  constructor() { this.parts = []; }
-  line(points, color, { width = 1, dash = [], fill = null } = {}) {
-    let path = "", isDown = false;
-    for (let n = 0; n < points.length; n += 2) {
-      const isThere = points[n + 1] === points[n + 1];
-      if (isThere) path += `${isDown ? "L" : "M"}${points[n].toFixed(1)} ${points[n + 1].toFixed(1)}`;
-      isDown = isThere;
-    }
-    const dashes = dash.length ? ` stroke-dasharray="${dash.join(" ")}"` : "";
-    this.parts.push(`<path d="${path}" fill="${fill ?? "none"}" stroke="${fill ? "none" : color}" stroke-width="${width}"${dashes}/>`);
-  }
-  text(text, x, y, color, anchor = "start") {
-    const safe = text.replace(/[&<>]/g, (letter) => `&#${letter.charCodeAt(0)};`);
-    this.parts.push(`<text x="${x.toFixed(1)}" y="${y.toFixed(1)}" fill="${color}" text-anchor="${anchor}">${safe}</text>`);
-  }
-  image(canvas, part, x, y, width, height) {
-    const cut = h("canvas", { width: Math.max(1, part[2]), height: Math.max(1, part[3]) });
-    cut.getContext("2d").drawImage(canvas, ...part, 0, 0, cut.width, cut.height);
-    this.parts.push(`<image href="${cut.toDataURL()}" x="${x}" y="${y}" width="${width}" height="${height}" preserveAspectRatio="none"/>`);
-  }
-  within(x, y, width, height, draw) {
-    this.parts.push(`<clipPath id="field"><rect x="${x}" y="${y}" width="${width}" height="${height}"/></clipPath><g clip-path="url(#field)">`);
-    draw();
-    this.parts.push("</g>");
-  }
-}
-
-export class Lines {
-  // values at equal steps
-  constructor(step, values, { name = "", color = 0, start = 0 } = {}) { Object.assign(this, { step, values, name, color, start }); }
-  at(x) {
-    const value = this.values[Math.round((x - this.start) / this.step)];
-    return value === undefined ? NaN : value;
-  }
-  peak(x, reach) {
-    // place of the greatest value near x
-    let best = Math.max(0, Math.round((x - reach - this.start) / this.step));
-    for (let n = best; n <= (x + reach - this.start) / this.step && n < this.values.length; n++) if (this.values[n] > this.values[best]) best = n;
-    return this.start + best * this.step;
-  }
-  columns(low, high, count) {
-    const first = Math.max(0, Math.floor((low - this.start) / this.step)), last = Math.min(this.values.length - 1, Math.ceil((high - this.start) / this.step));
-    const points = [];
-    const each = (last - first + 1) / count;
-    if (each <= 2) {
-      for (let n = first; n <= last; n++) points.push(this.start + n * this.step, this.values[n], this.values[n]);
-      return points;
-    }
-    for (let column = 0; column < count; column++) {
-      let least = Infinity, most = -Infinity;
-      const end = Math.min(last, first + Math.ceil((column + 1) * each) - 1);
-      for (let n = first + Math.floor(column * each); n <= end; n++) {
-        if (this.values[n] < least) least = this.values[n];
-        if (this.values[n] > most) most = this.values[n];
-      }
-      if (most >= least) points.push(this.start + (first + (column + 0.5) * each) * this.step, least, most);
-    }
-    return points;
-  }
-}
-
-export const channelLines = (channels, text, step) => {
-  // of each channel, of values that were packed together
-  const all = unpack(text), length = all.length / channels.length;
-  return channels.map((name, n) => new Lines(step, all.subarray(n * length, (n + 1) * length), { name, color: n }));
-};
-
-export class Stems {
-  // values at some places, as upright lines
-  constructor(places, values, options) { Object.assign(this, { places, values, color: 0, width: 3, stems: 0.01, ...options }); }
-  at(x) {
-    const reach = (this.places[1] ?? this.places[0] + 1) - this.places[0];
-    const n = this.places.findIndex((place) => Math.abs(place - x) <= reach / 2);
-    return n < 0 ? NaN : this.values[n];
-  }
-  columns(low, high) { return this.places.flatMap((place, n) => (place < low || place > high ? [] : [place, this.values[n], this.values[n]])); }
-}
-
-const LEFT = 56, RIGHT = 10, TOP = 30, BOTTOM = 24;
-
-function ticks(low, high, most) {
+/**
+ * Return round values of an axis.
+ *
+ * @param {number} low
+ * @param {number} high
+ * @param {number} maxCount
+ */
+function roundValues(low, high, maxCount) {
   const span = high - low || 1;
-  const power = 10 ** Math.floor(Math.log10(span / most));
-  const step = [1, 2, 5, 10, 20].map((factor) => factor * power).find((length) => span / length <= most);
-  const places = [];
-  for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * span; n++) places.push(Number((n * step).toPrecision(12)));
-  return places;
+  const power = 10 ** Math.floor(Math.log10(span / maxCount));
+  const steps = [1, 2, 5, 10, 20].map((factor) => factor * power);
+  const step = steps.find((length) => span / length <= maxCount);
+
+  const values = [];
+  // The tolerance keeps values at the ends in spite of rounding.
+  for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * span; n++) {
+    values.push(Number((n * step).toPrecision(12)));
+  }
+  return values;
 }
 
 export class Chart {
-  // options: title, x and y (words of the axes), unit, limits, log, height, series, areas [{low, high}], marks [[x, name, isStrong]],
-  // image {canvas, x, y}, shaft, drag ("move", "zoom" or "band"), onband(low, high), onmove(view), level (y range)
+  /** @param {ChartOptions} options */
   constructor(options) {
-    Object.assign(this, { log: false, height: 260, series: [], areas: [], marks: [], drag: "move", shaft: null, unit: "", ...options });
-    this.view = [...(options.view ?? this.limits)];
-    this.canvas = h("canvas", { tabIndex: 0, role: "img", "aria-label": this.title });
-    this.tip = h("p", { class: "tip" });
-    this.cursor = h("div", { class: "cursor", hidden: true });
-    const buttons = [["SVG", "Copy as SVG", () => this.copy("svg")], ["CSV", "Copy as CSV", () => this.copy("csv")], ["All", "Show all", () => this.show(this.limits)]];
-    if (this.onband) buttons.unshift(["Band", "Drag a band whose envelope is shown", (event) => this.toggle(event.target)]);
-    this.element = h("figure", { class: "chart" },
-      h("figcaption", {}, h("strong", {}, this.title), " ", h("span", { class: "tools" }, buttons.map(([text, label, onclick]) => h("button", { class: "small", title: label, "aria-label": `${label}: ${this.title}`, onclick }, text)))),
-      h("div", { class: "field" }, this.canvas, this.cursor), this.tip);
+    this.title = options.title;
+    this.x = options.x;
+    this.y = options.y;
+    this.unit = options.unit ?? "";
+    this.limits = options.limits;
+    /** @type {Range} */
+    this.view = [...(options.view ?? options.limits)];
+    this.log = options.log ?? false;
+    this.height = options.height ?? 260;
+    this.series = options.series ?? [];
+    this.areas = options.areas ?? [];
+    this.marks = options.marks ?? [];
+    this.picture = options.picture ?? null;
+    this.shaft = options.shaft ?? null;
+    this.onBand = options.onBand ?? null;
+    this.onMove = options.onMove ?? null;
+    this.drawOver = options.drawOver ?? null;
+
+    /** @type {"move" | "zoom" | "band"} what a drag does */
+    this.drag = "move";
+    this.frame = 0;
+    /** Number of drawn frames, for measurements of speed. */
+    this.frames = 0;
+
+    const canvas = { tabIndex: 0, role: "img", "aria-label": this.title };
+    this.canvas = element("canvas", canvas);
+    this.tip = element("p", { class: "tip" });
+    this.cursor = element("div", { class: "cursor", hidden: true });
+    const field = element("div", { class: "field" }, this.canvas, this.cursor);
+    this.element = element("figure", { class: "chart" }, this.caption(), field, this.tip);
+
     this.listen();
-    this.watcher = new ResizeObserver(() => this.draw());
-    this.watcher.observe(this.canvas.parentElement);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+    new ResizeObserver(() => this.draw()).observe(field);
+    const darkMode = matchMedia("(prefers-color-scheme: dark)");
+    darkMode.addEventListener("change", () => this.draw());
   }
-  toggle(button) {
+
+  caption() {
+    const buttons = [
+      this.button("SVG", "Copy as SVG", () => this.copy("svg")),
+      this.button("CSV", "Copy as CSV", () => this.copy("csv")),
+      this.button("All", "Show all", () => this.show(this.limits)),
+    ];
+    if (this.onBand) {
+      const toggle = (/** @type {any} */ event) => this.toggleBand(event.target);
+      buttons.unshift(this.button("Band", "Drag a band for the envelope spectrum", toggle));
+    }
+    const tools = element("span", { class: "tools" }, buttons);
+    return element("figcaption", {}, element("strong", {}, this.title), " ", tools);
+  }
+
+  /**
+   * @param {string} text
+   * @param {string} description
+   * @param {(event: Event) => void} onclick
+   */
+  button(text, description, onclick) {
+    const label = `${description}: ${this.title}`;
+    const attributes = { class: "small", title: description, "aria-label": label, onclick };
+    return element("button", attributes, text);
+  }
+
+  /** @param {HTMLElement} button */
+  toggleBand(button) {
     this.drag = this.drag === "band" ? "move" : "band";
-    button.setAttribute("aria-pressed", this.drag === "band");
+    button.setAttribute("aria-pressed", String(this.drag === "band"));
   }
-  get width() { return this.canvas.parentElement.clientWidth || 600; }
-  place(x) { return LEFT + ((x - this.view[0]) / (this.view[1] - this.view[0])) * (this.width - LEFT - RIGHT); }
-  value(pixel) { return this.view[0] + ((pixel - LEFT) / (this.width - LEFT - RIGHT)) * (this.view[1] - this.view[0]); }
+
+  /** @returns {number} width of the whole figure [px] */
+  get width() {
+    return this.canvas.parentElement.clientWidth || 600;
+  }
+
+  get fieldWidth() {
+    return this.width - LEFT - RIGHT;
+  }
+
+  /** @param {number} x */
+  pixelOf(x) {
+    const [low, high] = this.view;
+    return LEFT + ((x - low) / (high - low)) * this.fieldWidth;
+  }
+
+  /** @param {number} pixel */
+  positionOf(pixel) {
+    const [low, high] = this.view;
+    return low + ((pixel - LEFT) / this.fieldWidth) * (high - low);
+  }
+
+  /**
+   * Show a part of the horizontal axis, kept within its limits.
+   *
+   * @param {Range} view
+   */
   show([low, high]) {
-    // a part of the horizontal axis, kept within its limits
     const [first, last] = this.limits;
-    const span = Math.min(Math.max(high - low, (last - first) * 1e-6), last - first);
+    const span = Math.min(Math.max(high - low, (last - first) * MIN_VIEW), last - first);
     const start = Math.min(Math.max(low, first), last - span);
     this.view = [start, start + span];
-    this.onmove?.(this.view);
+    this.onMove?.(this.view);
     this.request();
   }
-  zoom(factor, around) {
+
+  /**
+   * @param {number} factor above 1 to show more
+   * @param {number} center position that stays in place
+   */
+  zoom(factor, center) {
     const [low, high] = this.view;
-    this.show([around - (around - low) * factor, around + (high - around) * factor]);
+    this.show([center - (center - low) * factor, center + (high - center) * factor]);
   }
+
+  /**
+   * Show other data in the same figure.
+   *
+   * @param {Partial<ChartOptions>} changes
+   */
   set(changes) {
-    // new data in the same figure
     Object.assign(this, changes);
     this.request();
   }
+
+  /** Draw with the next frame of the screen. */
   request() {
     if (this.frame) return;
-    this.frame = requestAnimationFrame(() => { this.frame = 0; this.draw(); });
+    this.frame = requestAnimationFrame(() => {
+      this.frame = 0;
+      this.draw();
+    });
   }
+
   listen() {
-    const canvas = this.canvas;
-    const touches = new Map();
-    let from = null;
-    const at = (event) => event.clientX - canvas.getBoundingClientRect().left;
-    canvas.addEventListener("wheel", (event) => {
-      if (!event.ctrlKey && !event.shiftKey && document.activeElement !== canvas) return; // the page scrolls
-      event.preventDefault();
-      this.zoom(1.2 ** Math.sign(event.deltaY || event.deltaX), this.value(at(event)));
-    }, { passive: false });
-    canvas.addEventListener("pointerdown", (event) => {
-      touches.set(event.pointerId, at(event));
-      canvas.setPointerCapture(event.pointerId);
-      from = { pixel: at(event), view: [...this.view], mode: event.shiftKey ? "zoom" : this.drag };
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      const before = touches.get(event.pointerId);
-      if (before !== undefined && touches.size === 2) { // two fingers
-        const [other] = [...touches].filter(([id]) => id !== event.pointerId).map(([, pixel]) => pixel);
-        const ratio = Math.abs(before - other) / Math.max(20, Math.abs(at(event) - other));
-        touches.set(event.pointerId, at(event));
-        this.zoom(ratio, this.value((at(event) + other) / 2));
-        return;
-      }
-      if (from && before !== undefined) {
-        const step = ((from.view[1] - from.view[0]) * (at(event) - from.pixel)) / (this.width - LEFT - RIGHT);
-        if (from.mode === "move") this.show([from.view[0] - step, from.view[1] - step]);
-        else this.mark(from.pixel, at(event));
-      } else this.read(at(event), event.clientY - canvas.getBoundingClientRect().top);
-    });
-    const end = (event) => {
-      touches.delete(event.pointerId);
-      if (from && from.mode !== "move" && Math.abs(at(event) - from.pixel) > 5 && event.type === "pointerup") {
-        const part = [this.value(from.pixel), this.value(at(event))].sort((a, b) => a - b);
-        if (from.mode === "band") this.onband(...part);
-        else this.show(part);
-      }
-      from = null;
-      this.cursor.hidden = true;
-    };
-    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, end);
-    canvas.addEventListener("pointerleave", () => { this.tip.textContent = ""; this.cursor.hidden = true; });
-    canvas.addEventListener("dblclick", () => this.show(this.limits));
-    canvas.addEventListener("keydown", (event) => {
-      const [low, high] = this.view, step = (high - low) / 8, middle = (low + high) / 2;
-      const actions = {
-        ArrowLeft: () => this.show([low - step, high - step]), ArrowRight: () => this.show([low + step, high + step]),
-        "+": () => this.zoom(0.7, middle), "-": () => this.zoom(1 / 0.7, middle), 0: () => this.show(this.limits),
-        c: () => this.copy("svg"), v: () => this.copy("csv"),
-      };
-      if (event.ctrlKey || event.metaKey || !actions[event.key]) return;
+    this.listenToWheel();
+    this.listenToPointer();
+    this.canvas.addEventListener("dblclick", () => this.show(this.limits));
+    this.canvas.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => {
+      if (event.ctrlKey || event.metaKey || !this.useKey(event.key)) return;
       event.preventDefault();
       event.stopPropagation();
-      actions[event.key]();
     });
   }
-  mark(start, end) {
-    Object.assign(this.cursor.style, { left: `${Math.min(start, end)}px`, width: `${Math.abs(end - start)}px` });
+
+  /**
+   * Pixel of an event from the left edge of the figure.
+   *
+   * @param {MouseEvent} event
+   */
+  pixelAt(event) {
+    return event.clientX - this.canvas.getBoundingClientRect().left;
+  }
+
+  listenToWheel() {
+    const zoom = (/** @type {WheelEvent} */ event) => {
+      // Without a key and without the focus, the wheel scrolls the page.
+      const isMeant = event.ctrlKey || event.shiftKey || document.activeElement === this.canvas;
+      if (!isMeant) return;
+      event.preventDefault();
+      const direction = Math.sign(event.deltaY || event.deltaX);
+      this.zoom(1.2 ** direction, this.positionOf(this.pixelAt(event)));
+    };
+    this.canvas.addEventListener("wheel", zoom, { passive: false });
+  }
+
+  listenToPointer() {
+    /** @type {Map<number, number>} pixels of the pointers that are down */
+    const pointers = new Map();
+    /** @type {{pixel: number, view: Range, mode: string} | null} */
+    let drag = null;
+
+    this.canvas.addEventListener("pointerdown", (/** @type {PointerEvent} */ event) => {
+      const pixel = this.pixelAt(event);
+      pointers.set(event.pointerId, pixel);
+      this.canvas.setPointerCapture(event.pointerId);
+      drag = { pixel, view: [...this.view], mode: event.shiftKey ? "zoom" : this.drag };
+    });
+
+    this.canvas.addEventListener("pointermove", (/** @type {PointerEvent} */ event) => {
+      const pixel = this.pixelAt(event);
+      const isDown = pointers.has(event.pointerId);
+      if (isDown && pointers.size === 2) {
+        this.pinch(pointers, event.pointerId, pixel);
+      } else if (isDown && drag) {
+        this.continueDrag(drag, pixel);
+      } else {
+        this.read(pixel, event.clientY - this.canvas.getBoundingClientRect().top);
+      }
+    });
+
+    const finish = (/** @type {PointerEvent} */ event) => {
+      pointers.delete(event.pointerId);
+      if (drag && event.type === "pointerup") this.finishDrag(drag, this.pixelAt(event));
+      drag = null;
+      this.cursor.hidden = true;
+    };
+    this.canvas.addEventListener("pointerup", finish);
+    this.canvas.addEventListener("pointercancel", finish);
+    this.canvas.addEventListener("pointerleave", () => {
+      this.tip.textContent = "";
+      this.cursor.hidden = true;
+    });
+  }
+
+  /**
+   * Zoom with two fingers.
+   *
+   * @param {Map<number, number>} pointers
+   * @param {number} id of the finger that moved
+   * @param {number} pixel to which it moved
+   */
+  pinch(pointers, id, pixel) {
+    const previousPixel = pointers.get(id);
+    const [otherId] = [...pointers.keys()].filter((pointer) => pointer !== id);
+    const otherPixel = pointers.get(otherId);
+    const ratio = Math.abs(previousPixel - otherPixel) / Math.max(20, Math.abs(pixel - otherPixel));
+    pointers.set(id, pixel);
+    this.zoom(ratio, this.positionOf((pixel + otherPixel) / 2));
+  }
+
+  /**
+   * @param {{pixel: number, view: Range, mode: string}} drag
+   * @param {number} pixel
+   */
+  continueDrag(drag, pixel) {
+    if (drag.mode !== "move") {
+      this.markPart(drag.pixel, pixel);
+      return;
+    }
+    const [low, high] = drag.view;
+    const distance = ((high - low) * (pixel - drag.pixel)) / this.fieldWidth;
+    this.show([low - distance, high - distance]);
+  }
+
+  /**
+   * @param {{pixel: number, view: Range, mode: string}} drag
+   * @param {number} pixel
+   */
+  finishDrag(drag, pixel) {
+    if (drag.mode === "move" || Math.abs(pixel - drag.pixel) <= MIN_DRAG) return;
+
+    const ends = [this.positionOf(drag.pixel), this.positionOf(pixel)].sort((a, b) => a - b);
+    const part = /** @type {Range} */ (ends);
+    if (drag.mode === "band") this.onBand(...part);
+    else this.show(part);
+  }
+
+  /**
+   * Do what a key means on a figure; return whether it means something.
+   *
+   * @param {string} key
+   */
+  useKey(key) {
+    const [low, high] = this.view;
+    const distance = (high - low) / 8;
+    const middle = (low + high) / 2;
+    switch (key) {
+      case "ArrowLeft":
+        this.show([low - distance, high - distance]);
+        return true;
+      case "ArrowRight":
+        this.show([low + distance, high + distance]);
+        return true;
+      case "+":
+        this.zoom(0.7, middle);
+        return true;
+      case "-":
+        this.zoom(1 / 0.7, middle);
+        return true;
+      case "0":
+        this.show(this.limits);
+        return true;
+      case "c":
+        this.copy("svg");
+        return true;
+      case "v":
+        this.copy("csv");
+        return true;
+      default:
+        return false;
+    }
+  }
+
+  /**
+   * Mark the part between two pixels.
+   *
+   * @param {number} start
+   * @param {number} end
+   */
+  markPart(start, end) {
+    this.cursor.style.left = `${Math.min(start, end)}px`;
+    this.cursor.style.width = `${Math.abs(end - start)}px`;
     this.cursor.classList.add("part");
     this.cursor.hidden = false;
   }
+
+  /**
+   * State the values at the pointer; of a spectrum, those of the nearest peak.
+   *
+   * @param {number} pixel
+   * @param {number} height from the top of the figure [px]
+   */
   read(pixel, height) {
-    // values at the pointer: of a spectrum those of the nearest peak
-    let x = this.value(pixel);
-    if (x < this.view[0] || x > this.view[1]) return;
-    const first = this.series[0];
-    if (first?.peak && this.log) x = first.peak(x, (6 * (this.view[1] - this.view[0])) / this.width);
-    const order = this.shaft ? ` (${short(x / this.shaft, 4)}×)` : "";
-    const values = this.series.slice(0, 6).map((line) => {
-      const value = line.at(x);
-      return `${line.name} ${inUnits(value, this.unit)}${this.log && value > 0 ? `, ${decibel(value, this.unit)}` : ""}`;
-    });
-    if (this.image) values.push(this.image.words(x, this.image.y * (1 - (height - TOP) / (this.height - TOP - BOTTOM))));
-    this.tip.textContent = `${short(x, 5)} ${this.x}${order}: ${values.join("; ")}`;
-    Object.assign(this.cursor.style, { left: `${this.place(x)}px`, width: "1px" });
+    let x = this.positionOf(pixel);
+    const [low, high] = this.view;
+    if (x < low || x > high) return;
+
+    const reach = (PEAK_REACH * (high - low)) / this.width;
+    if (this.log && this.series[0]?.peak) x = this.series[0].peak(x, reach);
+
+    const values = this.series.slice(0, MAX_READ_SERIES).map((line) => this.describe(line, x));
+    if (this.picture) {
+      const share = 1 - (height - TOP) / (this.height - TOP - BOTTOM);
+      values.push(this.picture.describe(x, this.picture.y * share));
+    }
+    const order = this.shaft ? ` (${formatNumber(x / this.shaft, 4)}×)` : "";
+    this.tip.textContent = `${formatNumber(x, 5)} ${this.x}${order}: ${values.join("; ")}`;
+
+    this.cursor.style.left = `${this.pixelOf(x)}px`;
+    this.cursor.style.width = "1px";
     this.cursor.classList.remove("part");
     this.cursor.hidden = false;
   }
+
+  /**
+   * @param {Series} line
+   * @param {number} x
+   */
+  describe(line, x) {
+    const value = line.at(x);
+    const level = this.log && value > 0 ? `, ${formatDecibels(value, this.unit)}` : "";
+    return `${line.name} ${formatQuantity(value, this.unit)}${level}`;
+  }
+
   draw() {
-    const width = this.width, ratio = devicePixelRatio || 1;
-    if (this.canvas.width !== Math.round(width * ratio) || this.canvas.height !== Math.round(this.height * ratio)) {
-      this.canvas.width = Math.round(width * ratio);
-      this.canvas.height = Math.round(this.height * ratio);
+    const width = this.width;
+    const ratio = devicePixelRatio || 1;
+    const pixelWidth = Math.round(width * ratio);
+    const pixelHeight = Math.round(this.height * ratio);
+    if (this.canvas.width !== pixelWidth || this.canvas.height !== pixelHeight) {
+      this.canvas.width = pixelWidth;
+      this.canvas.height = pixelHeight;
       this.canvas.style.height = `${this.height}px`;
     }
+
     const context = this.canvas.getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, width, this.height);
     context.font = "12px system-ui, sans-serif";
     this.paint(new CanvasPen(context), width);
-    this.frames = (this.frames ?? 0) + 1;
+    this.frames += 1;
   }
+
+  /**
+   * Draw the whole figure with a pen.
+   *
+   * @param {Pen} pen
+   * @param {number} width
+   */
   paint(pen, width) {
-    const style = getComputedStyle(document.documentElement), color = (name) => style.getPropertyValue(`--${name}`).trim();
-    const [low, high] = this.view, columns = Math.max(50, Math.floor(width - LEFT - RIGHT)), bottom = this.height - BOTTOM, right = width - RIGHT;
-    const drawn = this.series.map((line) => line.columns(low, high, columns));
-    const areas = this.areas.map((area) => [area.low.columns(low, high, columns), area.high.columns(low, high, columns)]);
-    const scale = this.log ? (value) => (value > 0 ? Math.log10(value) : NaN) : (value) => value;
-    let [least, most] = this.image ? [0, this.image.y] : this.level ?? [Infinity, -Infinity];
-    if (!this.image && !this.level) {
-      for (const points of drawn) {
-        for (let n = 0; n < points.length; n += 3) {
-          const bottomValue = scale(points[n + (this.log ? 2 : 1)]), topValue = scale(points[n + 2]);
-          if (bottomValue < least) least = bottomValue;
-          if (topValue > most) most = topValue;
-        }
-      }
-      if (!(most >= least)) [least, most] = [0, 1];
-      if (this.log) least = Math.max(least, most - 6);
-      const margin = 0.05 * (most - least) || 0.5;
-      [least, most] = [least - margin, most + margin];
-    }
-    const across = (x) => LEFT + ((x - low) / (high - low)) * (right - LEFT), up = (y) => bottom - ((y - least) / (most - least)) * (bottom - TOP);
-    const plain = this.log && most - least > 1.5;
-    const levels = this.log ? ticks(least, most, 6).filter((value) => !plain || Number.isInteger(value)) : ticks(least, most, 5);
-    for (const value of levels) {
-      pen.line([LEFT, up(value), right, up(value)], color("grid"));
-      pen.text(this.log ? short(10 ** value, 2) : short(value, 4), LEFT - 6, up(value) + 4, color("soft"), "end");
-    }
-    for (const value of ticks(low, high, Math.max(2, Math.floor(columns / 80)))) {
-      pen.line([across(value), bottom, across(value), bottom + 4], color("mark"));
-      pen.text(short(value, 6), Math.min(across(value), right - 14), bottom + 18, color("soft"), "middle");
-    }
-    pen.text(this.y.replace("m/s^2", "m/s²"), 4, 12, color("soft"));
-    pen.text(this.x, right, 12, color("soft"), "end");
-    pen.within(LEFT, TOP, right - LEFT, bottom - TOP, () => {
-      if (this.image) {
-        const { canvas, x } = this.image, from = (low / x) * canvas.width, part = ((high - low) / x) * canvas.width;
-        pen.image(canvas, [from, 0, Math.max(1, part), canvas.height], LEFT, TOP, right - LEFT, bottom - TOP);
-      }
-      areas.forEach(([bottoms, tops], number) => {
-        const edge = [], height = (value) => up(Math.max(scale(value) || least, least));
-        for (let n = 0; n < tops.length; n += 3) edge.push(across(tops[n]), height(tops[n + 2]));
-        for (let n = bottoms.length - 3; n >= 0; n -= 3) edge.push(across(bottoms[n]), height(bottoms[n + 2]));
-        pen.line(edge, "", { fill: `${color(`line-${this.areas[number].low.color % 6}`)}38` });
+    const [low, high] = this.view;
+    const count = Math.max(50, Math.floor(width - LEFT - RIGHT));
+    const columns = this.series.map((line) => line.columns(low, high, count));
+    const scale = this.makeScale(width, columns);
+
+    this.paintAxes(pen, scale, count);
+    pen.within(LEFT, TOP, scale.right - LEFT, scale.bottom - TOP, () => {
+      this.paintPicture(pen, scale);
+      for (const area of this.areas) this.paintArea(pen, scale, area, count);
+      columns.forEach((points, index) => {
+        this.paintSeries(pen, scale, this.series[index], points);
       });
-      drawn.forEach((points, number) => {
-        const path = [], line = this.series[number], ink = color(`line-${line.color % 6}`) + (line.faint ?? "");
-        for (let n = 0; n < points.length; n += 3) path.push(across(points[n]), up(scale(points[n + 2])));
-        if (line.stems) {
-          const stems = [];
-          for (let n = 0; n < path.length; n += 2) stems.push(path[n] + line.stems, bottom, path[n] + line.stems, path[n + 1], NaN, NaN);
-          pen.line(stems, line.ink ? color(line.ink) : ink, { width: line.width });
-          return;
-        }
-        if (this.log || points.every((value, n) => n % 3 !== 2 || value === points[n - 1])) {
-          pen.line(path, ink, { width: line.width ?? 1.2, dash: line.dash ?? [] });
-          return;
-        }
-        const edge = [], half = points.length > 3 ? (across(points[3]) - across(points[0])) / 2 : 1; // steps: each column as wide as it is
-        for (let n = 0; n < path.length; n += 2) edge.push(path[n] - half, path[n + 1], path[n] + half, path[n + 1]);
-        for (let n = points.length - 3; n >= 0; n -= 3) {
-          const x = across(points[n]), y = Math.max(up(points[n + 1]), up(points[n + 2]) + 1);
-          edge.push(x + half, y, x - half, y);
-        }
-        pen.line(edge, "", { fill: ink }); // an area is drawn much faster than a dense line
-      });
-      this.over?.(pen, { across, up: (value) => up(scale(value)), color, bottom });
-      for (const [x, , isStrong] of this.marks) pen.line([across(x), TOP, across(x), bottom], color(isStrong ? "amber" : "mark"), { dash: [3, 3] });
+      this.drawOver?.(pen, { ...scale, up: (y) => scale.up(this.scaled(y)) });
+      for (const [x, , isEmphasized] of this.marks) {
+        const color = scale.color(isEmphasized ? "amber" : "mark");
+        pen.line([scale.across(x), TOP, scale.across(x), scale.bottom], color, { dash: [3, 3] });
+      }
     });
-    const named = [];
-    for (const [x, name] of [...this.marks].sort((a, b) => b[2] - a[2] || a[0] - b[0])) {
-      if (x < low || x > high || named.some((at) => Math.abs(across(x) - at) < 8 * name.length + 8)) continue;
-      pen.text(name, across(x), TOP - 4, color("soft"), "middle");
-      named.push(across(x));
+    this.paintMarkNames(pen, scale);
+  }
+
+  /**
+   * Return a value as the vertical axis counts it.
+   *
+   * @param {number} value
+   */
+  scaled(value) {
+    if (!this.log) return value;
+    return value > 0 ? Math.log10(value) : Number.NaN;
+  }
+
+  /**
+   * @param {number} width
+   * @param {number[][]} columns
+   * @returns {Scale}
+   */
+  makeScale(width, columns) {
+    const [low, high] = this.view;
+    const [minimum, maximum] = this.picture ? [0, this.picture.y] : this.verticalRange(columns);
+    const bottom = this.height - BOTTOM;
+    const right = width - RIGHT;
+    const style = getComputedStyle(document.documentElement);
+    return {
+      across: (x) => LEFT + ((x - low) / (high - low)) * (right - LEFT),
+      up: (y) => bottom - ((y - minimum) / (maximum - minimum)) * (bottom - TOP),
+      color: (name) => style.getPropertyValue(`--${name}`).trim(),
+      bottom,
+      right,
+      minimum,
+      maximum,
+    };
+  }
+
+  /**
+   * Return the ends of the vertical axis for what is shown.
+   *
+   * @param {number[][]} columns
+   * @returns {Range}
+   */
+  verticalRange(columns) {
+    let minimum = Number.POSITIVE_INFINITY;
+    let maximum = Number.NEGATIVE_INFINITY;
+    // On a logarithmic axis only the upper edge of the columns is drawn.
+    const lowerOffset = this.log ? 2 : 1;
+    for (const points of columns) {
+      for (let n = 0; n < points.length; n += 3) {
+        const lower = this.scaled(points[n + lowerOffset]);
+        const upper = this.scaled(points[n + 2]);
+        if (lower < minimum) minimum = lower;
+        if (upper > maximum) maximum = upper;
+      }
+    }
+
+    if (!(maximum >= minimum)) [minimum, maximum] = [0, 1];
+    if (this.log) minimum = Math.max(minimum, maximum - MAX_DECADES);
+    const margin = 0.05 * (maximum - minimum) || 0.5;
+    return [minimum - margin, maximum + margin];
+  }
+
+  /**
+   * @param {Pen} pen
+   * @param {Scale} scale
+   * @param {number} columns
+   */
+  paintAxes(pen, scale, columns) {
+    const soft = scale.color("soft");
+    for (const value of this.verticalTicks(scale)) {
+      const y = scale.up(value);
+      const text = this.log ? formatNumber(10 ** value, 2) : formatNumber(value, 4);
+      pen.line([LEFT, y, scale.right, y], scale.color("grid"));
+      pen.text(text, LEFT - 6, y + 4, soft, "end");
+    }
+
+    const [low, high] = this.view;
+    for (const value of roundValues(low, high, Math.max(2, Math.floor(columns / 80)))) {
+      const x = scale.across(value);
+      pen.line([x, scale.bottom, x, scale.bottom + 4], scale.color("mark"));
+      // A text at the right end is moved to the left, or it would be cut off.
+      const textX = Math.min(x, scale.right - 14);
+      pen.text(formatNumber(value, 6), textX, scale.bottom + 18, soft, "middle");
+    }
+
+    pen.text(formatUnit(this.y), 4, 12, soft);
+    pen.text(this.x, scale.right, 12, soft, "end");
+  }
+
+  /** @param {Scale} scale */
+  verticalTicks({ minimum, maximum }) {
+    if (!this.log) return roundValues(minimum, maximum, 5);
+
+    // Powers of ten are marked if there are at least two; otherwise also parts of a decade.
+    const values = roundValues(minimum, maximum, 6);
+    return maximum - minimum > 1.5 ? values.filter(Number.isInteger) : values;
+  }
+
+  /**
+   * @param {Pen} pen
+   * @param {Scale} scale
+   */
+  paintPicture(pen, scale) {
+    if (!this.picture) return;
+    const { canvas, x } = this.picture;
+    const [low, high] = this.view;
+    const start = (low / x) * canvas.width;
+    const part = Math.max(1, ((high - low) / x) * canvas.width);
+    const width = scale.right - LEFT;
+    pen.image(canvas, [start, 0, part, canvas.height], LEFT, TOP, width, scale.bottom - TOP);
+  }
+
+  /**
+   * @param {Pen} pen
+   * @param {Scale} scale
+   * @param {{low: Series, high: Series}} area
+   * @param {number} count
+   */
+  paintArea(pen, scale, area, count) {
+    const [low, high] = this.view;
+    const lower = area.low.columns(low, high, count);
+    const upper = area.high.columns(low, high, count);
+    // What lies below the axis, or has no logarithm, is drawn at its lower end.
+    const height = (/** @type {number} */ value) =>
+      scale.up(Math.max(this.scaled(value) || scale.minimum, scale.minimum));
+
+    const outline = [];
+    for (let n = 0; n < upper.length; n += 3) {
+      outline.push(scale.across(upper[n]), height(upper[n + 2]));
+    }
+    for (let n = lower.length - 3; n >= 0; n -= 3) {
+      outline.push(scale.across(lower[n]), height(lower[n + 2]));
+    }
+    pen.line(outline, "", { fill: `${scale.color(`line-${area.low.color % 6}`)}38` });
+  }
+
+  /**
+   * @param {Pen} pen
+   * @param {Scale} scale
+   * @param {Series} line
+   * @param {number[]} points
+   */
+  paintSeries(pen, scale, line, points) {
+    const ink = scale.color(line.ink || `line-${line.color % 6}`) + (line.faint ?? "");
+    const upperEdge = [];
+    for (let n = 0; n < points.length; n += 3) {
+      upperEdge.push(scale.across(points[n]), scale.up(this.scaled(points[n + 2])));
+    }
+
+    if (line.stems) {
+      this.paintStems(pen, scale, upperEdge, line.stems, ink, line.width);
+      return;
+    }
+    const isCurve = points.every((value, n) => n % 3 !== 2 || value === points[n - 1]);
+    if (this.log || isCurve) {
+      pen.line(upperEdge, ink, { width: line.width ?? 1.2 });
+      return;
+    }
+    this.paintExtremes(pen, scale, points, upperEdge, ink);
+  }
+
+  /**
+   * @param {Pen} pen
+   * @param {Scale} scale
+   * @param {number[]} upperEdge
+   * @param {number} shift
+   * @param {string} ink
+   * @param {number} width
+   */
+  paintStems(pen, scale, upperEdge, shift, ink, width) {
+    const stems = [];
+    for (let n = 0; n < upperEdge.length; n += 2) {
+      const x = upperEdge[n] + shift;
+      stems.push(x, scale.bottom, x, upperEdge[n + 1], Number.NaN, Number.NaN);
+    }
+    pen.line(stems, ink, { width });
+  }
+
+  /**
+   * Draw columns from their smallest to their largest value.
+   *
+   * They are one filled area with steps, which is drawn much faster than a dense line.
+   *
+   * @param {Pen} pen
+   * @param {Scale} scale
+   * @param {number[]} points
+   * @param {number[]} upperEdge
+   * @param {string} ink
+   */
+  paintExtremes(pen, scale, points, upperEdge, ink) {
+    const half = points.length > 3 ? (scale.across(points[3]) - scale.across(points[0])) / 2 : 1;
+    const outline = [];
+    for (let n = 0; n < upperEdge.length; n += 2) {
+      outline.push(upperEdge[n] - half, upperEdge[n + 1], upperEdge[n] + half, upperEdge[n + 1]);
+    }
+    for (let n = points.length - 3; n >= 0; n -= 3) {
+      const x = scale.across(points[n]);
+      // At least one pixel high, so that a constant signal is seen.
+      const y = Math.max(scale.up(points[n + 1]), scale.up(points[n + 2]) + 1);
+      outline.push(x + half, y, x - half, y);
+    }
+    pen.line(outline, "", { fill: ink });
+  }
+
+  /**
+   * Write the names of marks, emphasized ones first, unless they would overlap.
+   *
+   * @param {Pen} pen
+   * @param {Scale} scale
+   */
+  paintMarkNames(pen, scale) {
+    const [low, high] = this.view;
+    const byImportance = [...this.marks].sort((a, b) => Number(b[2]) - Number(a[2]) || a[0] - b[0]);
+    /** @type {number[]} */
+    const namedPixels = [];
+    for (const [position, name] of byImportance) {
+      if (position < low || position > high) continue;
+      const x = scale.across(position);
+      const minDistance = 8 * name.length + 8;
+      if (namedPixels.some((pixel) => Math.abs(x - pixel) < minDistance)) continue;
+      pen.text(name, x, TOP - 4, scale.color("soft"), "middle");
+      namedPixels.push(x);
     }
   }
+
+  /** Return the figure as SVG. */
   svg() {
-    const pen = new SvgPen(), width = Math.max(600, this.width);
+    const pen = new SvgPen();
+    const width = Math.max(600, this.width);
     this.paint(pen, width);
-    const paper = getComputedStyle(document.documentElement).getPropertyValue("--card").trim();
-    return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${this.height}" font-family="sans-serif" font-size="12">`
-      + `<title>${this.title.replace(/[&<>]/g, " ")}</title><rect width="100%" height="100%" fill="${paper}"/>${pen.parts.join("")}</svg>`;
+
+    const style = getComputedStyle(document.documentElement);
+    const paper = style.getPropertyValue("--card").trim();
+    const title = this.title.replace(/[&<>]/g, " ");
+    const font = 'font-family="sans-serif" font-size="12"';
+    return (
+      `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${this.height}" ${font}>` +
+      `<title>${title}</title><rect width="100%" height="100%" fill="${paper}"/>` +
+      `${pen.parts.join("")}</svg>`
+    );
   }
+
+  /** Return the values that are shown as CSV. */
   csv() {
-    const [low, high] = this.view, points = this.series[0]?.columns(low, high, 1e5) ?? [];
-    const quoted = (text) => `"${text.replace(/"/g, '""').replace(/^[=+@-]/, "'$&")}"`;
-    const rows = [[this.x, ...this.series.map((line) => `${line.name} [${this.unit}]`)].map(quoted).join(",")];
-    for (let n = 0; n < points.length; n += 3) rows.push([points[n], ...this.series.map((line) => line.at(points[n]))].join(","));
+    const [low, high] = this.view;
+    const points = this.series[0]?.columns(low, high, CSV_ROWS) ?? [];
+    const headers = [this.x, ...this.series.map((line) => `${line.name} [${this.unit}]`)];
+    const rows = [headers.map(quoteCsv).join(",")];
+    for (let n = 0; n < points.length; n += 3) {
+      const values = this.series.map((line) => line.at(points[n]));
+      rows.push([points[n], ...values].join(","));
+    }
     return `${rows.join("\n")}\n`;
   }
+
+  /**
+   * Copy the figure, or save it if the browser does not allow that.
+   *
+   * @param {"svg" | "csv"} kind
+   */
   async copy(kind) {
-    const text = this[kind]();
+    const text = kind === "svg" ? this.svg() : this.csv();
     try {
       await navigator.clipboard.writeText(text);
-      say(`${this.title}: copied as ${kind.toUpperCase()}.`);
+      showMessage(`${this.title}: copied as ${kind.toUpperCase()}.`);
     } catch {
-      const link = h("a", { href: URL.createObjectURL(new Blob([text])), download: `figure.${kind}` });
-      link.click();
-      URL.revokeObjectURL(link.href);
-      say(`${this.title}: saved as figure.${kind}.`);
+      const href = URL.createObjectURL(new Blob([text]));
+      element("a", { href, download: `figure.${kind}` }).click();
+      URL.revokeObjectURL(href);
+      showMessage(`${this.title}: saved as figure.${kind}.`);
     }
   }
+}
+
+/**
+ * Quote a text for CSV; a spreadsheet must not take it for a formula.
+ *
+ * @param {string} text
+ */
+function quoteCsv(text) {
+  return `"${text.replace(/"/g, '""').replace(/^[=+@-]/, "'$&")}"`;
 }

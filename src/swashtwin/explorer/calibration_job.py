@@ -22,8 +22,8 @@ class _Run:
 
     state: str = "none"
     """``none``, ``running``, ``stopped``, ``failed`` or ``done``."""
-    done: int = 0
-    """Steps that are done."""
+    step: int = 0
+    """Number of the newest step."""
     total: int = 0
     """Steps in all; 0 until it is known."""
     loss: float | None = None
@@ -70,7 +70,7 @@ class CalibrationJob:
         run = self._run
         return {
             "state": run.state,
-            "done": run.done,
+            "step": run.step,
             "total": run.total,
             "loss": run.loss,
             "error": run.error,
@@ -79,8 +79,8 @@ class CalibrationJob:
     def _calibrate(self, run: _Run, twin: "Twin", recordings: Recordings) -> None:
         from swashtwin.calibration import calibrate
 
-        def report(done: int, total: int, loss: float) -> None:
-            run.done = done
+        def report(step: int, total: int, loss: float) -> None:
+            run.step = step
             run.total = total
             run.loss = float(loss)
             if run.is_stopped:

@@ -336,7 +336,10 @@ class RecordingViews:
         recordings = {
             name: self._workspace.recording(name).unloaded() for name in {*first, *second}
         }
-        formats = {(item.sample_rate, item.channels, item.unit) for item in recordings.values()}
+        formats = {
+            (recording.sample_rate, recording.channels, recording.unit)
+            for recording in recordings.values()
+        }
         if len(formats) > 1:
             raise DataError(
                 "The recordings differ in sample rate, channels or unit and cannot be compared."

@@ -153,8 +153,8 @@ class TwinWorkbench:
         values = start.twin.values.numpy() if setting.values is None else setting.values
         scales = start.twin.scales
         factors = {
-            item.name: getattr(scales, item.name) * setting.scales.get(item.name, 1.0)
-            for item in fields(scales)
+            scale.name: getattr(scales, scale.name) * setting.scales.get(scale.name, 1.0)
+            for scale in fields(scales)
         }
         twin = base_twin.with_interfaces(Interfaces.from_values(values), replace(scales, **factors))
         return _Start(twin, start.calibration)
@@ -258,7 +258,10 @@ class TwinWorkbench:
             names += self._workspace.comparable(setting.recording)
 
         recordings = [self._workspace.recording(name) for name in names]
-        labeled = [item if item.label else item.replace(label=twin.label) for item in recordings]
+        labeled = [
+            recording if recording.label else recording.replace(label=twin.label)
+            for recording in recordings
+        ]
         self.job.start(twin.at(condition), Recordings(labeled))
         return self.job.progress()
 
@@ -442,7 +445,9 @@ def _make_fault(setting: Setting) -> Fault | None:
     if typical is None:
         raise InputError(f"There is no fault {setting.fault[:100]!r}.")
 
-    unknown_names = sorted(setting.dimensions.keys() - {item.name for item in fields(typical)})
+    unknown_names = sorted(
+        setting.dimensions.keys() - {dimension.name for dimension in fields(typical)}
+    )
     if unknown_names:
         raise InputError(f"{setting.fault} has no dimension {unknown_names[0][:100]!r}.")
 

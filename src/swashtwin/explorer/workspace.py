@@ -146,7 +146,9 @@ class Workspace:
 
         if self.index is None:
             recordings = load_recordings(source)
-            self._replace_rows([Row(item.recording_id, recording=item) for item in recordings])
+            self._replace_rows(
+                [Row(recording.recording_id, recording=recording) for recording in recordings]
+            )
         elif source.is_dir() and not self.index.is_file():
             self.propose({})
         elif self.calibration is None or self.index.is_file():

@@ -586,9 +586,9 @@ function intervalLabel(estimate) {
 }
 
 /** @param {any} job */
-function jobProgress({ done, total, loss }) {
-  const bar = element("progress", { max: total || 1, value: done, "aria-label": "Calibration" });
-  const steps = total ? `${done} of ${total}` : done;
+function jobProgress({ step, total, loss }) {
+  const bar = element("progress", { max: total || 1, value: step, "aria-label": "Calibration" });
+  const steps = total ? `${step} of ${total}` : step;
   const misfit = loss === null ? "" : `, misfit ${formatNumber(loss)}`;
   const stop = () => attempt(() => send("twin_stop", {}));
   return [bar, ` step ${steps}${misfit} `, element("button", { onclick: stop }, "Stop")];

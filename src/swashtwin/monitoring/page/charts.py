@@ -127,10 +127,10 @@ def _draw_mark_names(marks: Sequence[Mark], top: float) -> list[str]:
     texts = []
     named_shares: list[float] = []
     for share, name in marks:
-        if any(abs(share - named) < _MIN_NAME_DISTANCE for named in named_shares):
+        if any(abs(share - position) < _MIN_NAME_DISTANCE for position in named_shares):
             continue
-        position = f'data-share="{share:.4f}" x="{100 * share:.2f}%" y="{top - 4:.0f}"'
-        texts.append(f'<text class="name" {position}>{escape(name)}</text>')
+        place = f'data-share="{share:.4f}" x="{100 * share:.2f}%" y="{top - 4:.0f}"'
+        texts.append(f'<text class="name" {place}>{escape(name)}</text>')
         named_shares.append(share)
     return texts
 

@@ -4,7 +4,7 @@ import math
 import re
 from datetime import UTC, datetime
 
-MISSING = "—"
+NO_VALUE = "—"
 """Shown for a value that is missing or not finite."""
 
 _MIN_PLAIN = 1e-3
@@ -23,7 +23,7 @@ def number(value: float | None, digits: int = 3) -> str:
     ('0.0123', '1.23e+05', '—')
     """
     if value is None or not math.isfinite(value):
-        return MISSING
+        return NO_VALUE
     if value == 0:
         return f"{value:.{digits - 1}f}"
     if not _MIN_PLAIN <= abs(value) < _MAX_PLAIN:
@@ -36,7 +36,7 @@ def number(value: float | None, digits: int = 3) -> str:
 def percent(share: float | None) -> str:
     """Return a share in percent, never rounded up to 100 % or down to 0 %."""
     if share is None or not math.isfinite(share):
-        return MISSING
+        return NO_VALUE
     if 0.995 < share < 1:
         return "> 99 %"
     if 0 < share < 0.005:
@@ -52,7 +52,7 @@ def signed(value: float) -> str:
 def format_time(time: datetime | None) -> str:
     """Return a time in UTC to the second; the page's script shows it in the reader's zone."""
     if time is None:
-        return MISSING
+        return NO_VALUE
     return time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
@@ -68,7 +68,7 @@ def format_age(time: datetime, now: datetime) -> str:
 def format_label(label: str | None) -> str:
     """Return a class for a reader, such as ``Swash plate``."""
     if label is None:
-        return MISSING
+        return NO_VALUE
     return label.replace("_", " ").capitalize()
 
 

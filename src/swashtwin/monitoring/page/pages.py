@@ -21,7 +21,7 @@ from swashtwin.monitoring.page.charts import (
     draw_spectra,
     draw_trend,
 )
-from swashtwin.monitoring.page.formatting import MISSING, format_time, indicator_name, number
+from swashtwin.monitoring.page.formatting import NO_VALUE, format_time, indicator_name, number
 from swashtwin.monitoring.page.site import MAX_ID, Site
 from swashtwin.monitoring.page.states import STATES, VERDICT_NAMES, group_indicators, state_of
 
@@ -309,15 +309,15 @@ def _facts(judgment: Judgment) -> Sequence[tuple[str, str]]:
     speed_rpm = None if judgment.speed is None else judgment.speed * 30 / math.pi
     pressure_mpa = None if judgment.pressure is None else judgment.pressure / 1e6
     return (
-        ("Operating point", judgment.point or MISSING),
+        ("Operating point", judgment.point or NO_VALUE),
         ("Speed", f"{number(speed_rpm, 4)} rpm"),
         ("Discharge pressure", f"{number(pressure_mpa)} MPa"),
         ("Duration", f"{number(judgment.duration)} s"),
         ("Sample rate", f"{number(judgment.sample_rate, 5)} Hz"),
         ("Channels", ", ".join(judgment.channels)),
         ("Source", judgment.source),
-        ("File", judgment.file or MISSING),
+        ("File", judgment.file or NO_VALUE),
         ("Received", format_time(judgment.received)),
-        ("Model", judgment.model or MISSING),
+        ("Model", judgment.model or NO_VALUE),
         ("Content", judgment.content),
     )

@@ -140,6 +140,7 @@ class OperatingPointBaseline:
         n_recordings : recordings of a complete baseline.
         pistons : piston count of the machine, if it is known; `orders` are then learned too.
         """
+        # A thousandth of a decibel suffices, and keeps the stored text short.
         rows = np.vstack([self.rows, band_powers.round(3)])
         orders = self._append_orders(recording, pistons)
         is_new = np.zeros(len(rows), dtype=bool)
@@ -241,6 +242,8 @@ class OperatingPointBaseline:
         It is the root mean square of the differences over the scatter.
         """
         n_channels = len(self.layout.channels)
+
+        # A minimum, since channels differ by much more than one channel scatters.
         spread = np.maximum(self.spread, MIN_CHANNEL_SPREAD_DB).reshape(n_channels, -1)
         measured = band_powers.reshape(n_channels, 1, -1)
         expected = self.median.reshape(n_channels, -1)
@@ -253,6 +256,8 @@ def choose_layout(recording: Recording) -> BandPowerLayout:
     The segments of the spectra get a length for which the Fourier transform is fast.
     """
     layout, _ = band_power_layout([recording])
+
+    # A longer segment than the recording could not be measured.
     length = int(scipy.fft.next_fast_len(layout.length, real=True))
     return replace(layout, length=length) if length <= recording.n_samples else layout
 
@@ -305,6 +310,8 @@ def _most_deviating_row(
     changes = np.array(
         [row - np.median(np.delete(rows, index, axis=0), axis=0) for index, row in enumerate(rows)]
     )
+
+    # Of several bands: a single faint band falls as far by chance.
     distances = np.sort(np.abs(changes), axis=1)[:, -N_CHANGES:].mean(axis=1)
     index = int(np.argmax(distances))
     return index, changes[index]
@@ -338,6 +345,7 @@ def _deviates(change: Float64[np.ndarray, " band"], spread: Float64[np.ndarray, 
 
 
 def _is_large(change: Float64[np.ndarray, " band"], spread: Float64[np.ndarray, " band"]) -> bool:
+    # Those that rose most need not be those that changed most.
     most_risen = np.argsort(change / spread)[-N_CHANGES:]
     has_risen = bool(change[most_risen].mean() >= IGNORED_CHANGE_DB)
     return _deviates(change, spread) and has_risen

@@ -1,4 +1,4 @@
-"""Messages about alarms, and where they are sent: a log, a webhook, an MQTT broker, e-mail.
+"""Messages about alarms, and their channels: a log, a webhook, an MQTT broker, e-mail.
 
 Each attempt is bounded in time.
 """
@@ -97,6 +97,7 @@ def send(
     ChannelError
         The message could not be delivered; the error is one line without a secret.
     """
+    # Servers may do anything; whatever they do, the message stays in the outbox.
     try:
         match channel:
             case LogChannel():
@@ -218,6 +219,7 @@ def _login_header(url: SplitResult, channel: WebhookChannel) -> dict[str, str]:
 
 
 def _publish(message: AlarmMessage, channel: MqttChannel, timeout: float) -> None:
+    # A client without a name gets no session: nothing is kept for it after it disconnects.
     client = broker_client(channel)
     client.connect_timeout = timeout
     has_answered = threading.Event()
@@ -236,6 +238,7 @@ def _publish(message: AlarmMessage, channel: MqttChannel, timeout: float) -> Non
             raise TimeoutError
         if refusals:
             raise _RefusedError(refusals[0])
+
         publication = client.publish(channel.topic, message.to_json(), qos=1)
         publication.wait_for_publish(timeout)
         if not publication.is_published():

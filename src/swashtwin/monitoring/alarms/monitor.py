@@ -29,7 +29,7 @@ from swashtwin.monitoring.alarms.sensors import SensorFinding, check_against_bas
 from swashtwin.recordings import Recording, specified_shaft_frequency
 
 N_PERSISTENT = 2
-"""Recordings of the last `N_RECENT` that must support an alarm: a single one may be a disturbance."""
+"""Recordings of the last `N_RECENT` that must support an alarm: one alone may be a disturbance."""
 N_RECENT = 3
 """Recordings that persistence looks at."""
 N_QUIET = 5
@@ -90,6 +90,7 @@ class ConformalTest:
 
         It is the chance of a p-value that is at most as high.
         """
+        # No step of a score that is not large comes near the offset.
         n_large = sum(count for step, count in self.scores.items() if step >= _LARGE_OFFSET // 2)
         return (n_large + 1) / (self.n_scores + 1)
 
@@ -125,6 +126,7 @@ class ConformalTest:
         """
         steps = self.steps + 1
         bets = np.array(self.bets) + 1 / (steps * (steps + 1)) / N_BETS
+        # This does not depend on p, so no bet gains on average by it.
         bets = (1 - SHARED_PART) * bets + SHARED_PART * bets.mean()
         bets = bets * payoffs(p_value, self.large_share)
 
@@ -174,6 +176,7 @@ def payoffs(p_value: float, large_share: float) -> Float64[np.ndarray, " bet"]:
         stake_payoffs = stakes / large_share
     else:
         stake_payoffs = (1 - stakes) / (1 - large_share)
+    # A lower stake would pay more if the recording is not large.
     is_made = stakes > large_share
     return np.concatenate([power_payoffs, np.where(is_made, stake_payoffs, 1.0)])
 
@@ -359,6 +362,8 @@ class OperatingPointMonitor:
                 f"{recording.recording_id} has {plural(recording.n_samples, 'sample')}; record at "
                 f"least {MIN_SAMPLES}, better a second."
             )
+
+        # A state without rows may have the layout of a recording with a faulty sensor.
         if state is None or not len(state.baseline.rows):
             sensor = AlarmState() if state is None else state.sensor
             state = OperatingPointState.initial(recording, sensor)
@@ -372,6 +377,7 @@ class OperatingPointMonitor:
         named_band_powers = dict(
             zip(band_names(state.baseline.layout), band_powers.tolist(), strict=True)
         )
+
         if not findings and state.baseline.is_complete:
             findings = check_against_baseline(state.baseline, band_powers)
         if findings:
@@ -394,6 +400,8 @@ class OperatingPointMonitor:
         baseline, notes = state.baseline.learn(
             band_powers, recording, self.baseline_recordings, self.pistons
         )
+
+        # The baseline is complete now, and the next recording is the first that is bet on.
         test = state.test
         if baseline.is_complete:
             test = ConformalTest.calibrated(baseline.held_out_scores())
@@ -412,6 +420,7 @@ class OperatingPointMonitor:
         is_large = baseline.is_large(band_powers)
 
         test = state.test
+        # Seeded draws: a restart or a repetition gets the same p-value.
         tie = random_stream(0, "alarm", self.machine, point, test.n_scores).random()
         p_value = test.p_value(score, is_large, tie)
         if not state.pump.is_active:

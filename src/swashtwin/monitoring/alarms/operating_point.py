@@ -79,6 +79,7 @@ def match_operating_point(
     """
     specified_point = OperatingPoint.of(recording)
     nearest = min(points, key=specified_point.distance, default=None)
+    # The nearest one keeps its values: recordings that wander do not shift an operating point.
     if nearest is None or math.isinf(specified_point.distance(nearest)):
         return specified_point
     return OperatingPoint(nearest.speed, nearest.pressure)

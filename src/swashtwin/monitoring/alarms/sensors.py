@@ -105,6 +105,7 @@ def check_sensors(recording: Recording) -> tuple[SensorFinding, ...]:
     if findings:
         return tuple(findings)
 
+    # Sensors are compared only if each is sound: two flat channels are no doubled ones.
     signal = recording.signal
     return _compare_channels(signal - signal.mean(axis=1, keepdims=True), recording.channels)
 
@@ -187,6 +188,7 @@ def _compare_channels(
             for index in np.flatnonzero(is_dead).tolist()
         )
 
+    # In magnitude, since a doubled channel may be inverted.
     scaled = signal / deviation[:, None]
     correlation = np.triu(scaled @ scaled.T / signal.shape[1], 1)
     return tuple(
@@ -212,11 +214,13 @@ def check_against_baseline(
     names = baseline.layout.channels
     changes = _ChannelChanges(baseline, band_powers)
 
+    # First the pump: if it does not run, its sensors seem to fail too.
     lost_lines = changes.lost_lines()
     is_silent = changes.is_silent()
     if lost_lines or (lost_lines is None and is_silent.all()):
         sentence = (
-            f"{changes.fall.mean():+.0f} dB in the bands of all channels, without the pump's lines. "
+            f"{changes.fall.mean():+.0f} dB in the bands of all channels, without the lines of the "
+            "pump. "
             "The pump does not run, or not at the specified speed; or its sensors have failed."
         )
         return (SensorFinding("stopped", ", ".join(names), sentence),)
@@ -237,6 +241,7 @@ def check_against_baseline(
     if findings:
         return tuple(findings)
 
+    # A silent or muffled channel would fit no baseline, and has fallen anyway.
     finding = _find_swapped_channels(baseline, band_powers)
     if finding is None and baseline.has_fallen(band_powers):
         finding = _describe_fall(baseline, band_powers)
@@ -292,6 +297,7 @@ class _ChannelChanges:
         if n_orders < MIN_TURNS:
             return None
 
+        # The order is that of the baseline: the lines of today are what is in question.
         rank = np.argsort(self._baseline_orders, axis=1)
         strong = rank[:, -(n_orders // 4) :]
         faint = rank[:, : n_orders // 2]

@@ -64,10 +64,13 @@ class Suspect:
             return cls("unknown", sentence, diagnosis.label, probabilities, p_value)
 
         ranked_labels = sorted(probabilities, key=lambda label: -probabilities[label])
+
         first, second = (
             f"{describe_class(label)} ({100 * probabilities[label]:.0f} %)"
             for label in ranked_labels[:2]
         )
+
+        # The alarm contradicts a healthy diagnosis, so the likeliest fault is named, as a guess.
         if is_healthy(diagnosis.label):
             sentence = f"Suspect, unsure: {second}; the prior still finds {first} likelier."
             return cls("unsure", sentence, ranked_labels[1], probabilities, p_value)
@@ -170,6 +173,7 @@ class Suspects:
             )
         if point.speed is None:
             return Suspect.none("the speed is not known, but a prior compares orders of the shaft.")
+
         rows = baseline.orders[np.isfinite(baseline.orders).any(axis=1)]
         if baseline.pistons != machine.piston_count or not len(rows):
             return Suspect.none(_explain_missing_orders(recording, machine.piston_count))
@@ -206,6 +210,7 @@ class Suspects:
             )
             self._failure_times[key] = time.monotonic()
 
+        # Each restart of a baseline leaves a prior that is never needed again.
         while len(self._adapted) > N_CACHED_PRIORS:
             oldest_key, _ = self._adapted.popitem(last=False)
             self._failure_times.pop(oldest_key, None)

@@ -46,6 +46,7 @@ class SeverityRequest:
             A package is missing; the calibration is for another pump or operating point, or does
             not have the fault; or the samples were not kept.
         """
+        # Only the child process loads these packages, which take memory.
         from swashtwin.calibration import estimate_severity, load_calibration
 
         assert self.machine.calibration is not None
@@ -59,6 +60,7 @@ class SeverityRequest:
         healthy_recordings = [self._load(path, label="normal") for path in self.healthy]
         _require_calibrated_point(calibration, recording)
 
+        # Several kinds of fault may have one class; the one that fits best is reported.
         trends = {
             kind: estimate_severity(calibration, [recording], fault, healthy=healthy_recordings)
             for kind, fault in faults.items()

@@ -117,6 +117,7 @@ def _read_text_entry(kind: type, value: str, folder: Path, environment: Mapping[
     if issubclass(kind, Path):
         return folder / Path(value).expanduser()
     if issubclass(kind, NameOrFile):
+        # Names of the catalog have no suffix.
         is_file = value.endswith((".toml", ".safetensors"))
         return kind(folder / Path(value).expanduser() if is_file else value)
     if issubclass(kind, Quantity):
@@ -172,6 +173,7 @@ def _check(config: WatchConfig) -> None:
             'the file has no [[source]]; add one, such as kind = "folder" with its path.'
         )
 
+    # Messages, topics and files refer to each of them by name.
     _require_unique_names("machine", [machine.name for machine in config.machines])
     _require_unique_names("source", [source.name for source in config.sources])
     _require_unique_names("channel", [channel.name for channel in config.channels])
@@ -199,6 +201,7 @@ def _require_unique_names(table: str, names: list[str]) -> None:
 
 
 def _check_machine(machine: Machine) -> None:
+    # Waveforms of the machine are stored in a folder of its name.
     safe_name = safe_file_name(machine.name)
     if safe_name != machine.name:
         raise InputError(f"the name is also that of a folder; write it as {safe_name!r}.")
@@ -209,6 +212,7 @@ def _check_machine(machine: Machine) -> None:
         _require_file("calibration", machine.calibration)
     if machine.prior.endswith(".safetensors"):
         _require_file("prior", Path(machine.prior))
+    # A pump that cannot be loaded must fail now, not at the first alarm.
     if machine.pump is not None:
         load_pump(machine.pump)
 

@@ -174,6 +174,7 @@ class Broker(Entries, frozen=True, kw_only=True):
     """File of trusted certificates; by default those of the system."""
 
     def __post_init__(self) -> None:
+        # msgspec allows no other change of a frozen object.
         if not self.port:
             force_setattr(self, "port", _MQTT_TLS_PORT if self.tls else _MQTT_PORT)
 
@@ -205,7 +206,7 @@ class MqttSource(Broker, frozen=True, kw_only=True, tag_field="kind", tag="mqtt"
     group: Text | None = None
     """Name of a shared subscription: each message goes to one watch of this group."""
     client: Text | None = None
-    """Name of the client, for which the broker keeps messages; by default derived from the folder."""
+    """Name of the client for which the broker keeps messages; by default made from the folder."""
 
 
 class HttpSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="http"):
@@ -278,7 +279,7 @@ class Retention(Entries, frozen=True, kw_only=True):
 
 
 class PageSettings(Entries, frozen=True, kw_only=True):
-    """Where the page is served, and to whom."""
+    """Address of the page, and who may use it."""
 
     host: Text = "127.0.0.1"
     """Address to listen on; other computers can reach it only with `users`."""
@@ -310,6 +311,7 @@ class PageSettings(Entries, frozen=True, kw_only=True):
     @property
     def is_local(self) -> bool:
         """Whether only this computer can reach the page."""
+        # A name other than localhost may lead anywhere.
         try:
             return ip_address(self.host.strip("[]")).is_loopback
         except ValueError:

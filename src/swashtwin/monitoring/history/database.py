@@ -35,7 +35,7 @@ was cut off, and its lock would keep out all others.
 N_CONNECTIONS = 8
 """Connections to PostgreSQL: threads of the watch, and requests to the page."""
 _SCHEMA_LOCK = 0x73776173
-"""Number of the lock under which one process at a time creates the tables in PostgreSQL ("swas")."""
+"""Number of the lock under which one process at a time creates the tables in PostgreSQL."""
 _PROGRAM_ERRORS = (
     exc.DataError,
     exc.IntegrityError,
@@ -86,6 +86,7 @@ class Database:
         """Yield a session whose transaction is committed at the end, or undone by an error."""
         with (
             _history_errors(),
+            # Rows are read after the commit, when they could not be loaded again.
             Session(self._writer, expire_on_commit=False) as session,
             session.begin(),
         ):
@@ -95,6 +96,7 @@ class Database:
         """Create the tables, or check those that exist."""
         with self.writing() as session:
             connection = session.connection()
+            # SQLite has locked the whole database already.
             if self._engine.dialect.name == "postgresql":
                 lock = text("SELECT pg_advisory_xact_lock(:lock)")
                 session.execute(lock, {"lock": _SCHEMA_LOCK})
@@ -103,6 +105,7 @@ class Database:
             if Version.__tablename__ in present_tables:
                 _require_version(session.scalars(select(Version.version)).one())
                 return
+
             if not is_new:
                 raise DataError("the database has no history yet; the watch creates it.")
             foreign_tables = present_tables & set(Row.metadata.tables)
@@ -112,6 +115,7 @@ class Database:
                     f"({', '.join(sorted(foreign_tables))}); use a separate database for the "
                     "history."
                 )
+
             Row.metadata.create_all(connection)
             # The machine without a name counts rejections of unknown machines.
             session.add_all([Version(version=SCHEMA_VERSION), Machine(name="", sequence=0)])
@@ -158,6 +162,7 @@ def _open_engine(url: str, folder: Path, *, is_new: bool) -> Engine:
 
 def _postgresql_engine(address: URL) -> Engine:
     require_modules("psycopg", extra="postgresql", need="PostgreSQL")
+
     server_options = {
         "timezone": "UTC",
         "lock_timeout": f"{LOCK_TIMEOUT_S}s",
@@ -168,10 +173,12 @@ def _postgresql_engine(address: URL) -> Engine:
         json_serializer=json_text,
         pool_size=N_CONNECTIONS,
         pool_timeout=LOCK_TIMEOUT_S,
+        # A restart of the database ends connections without notice.
         pool_pre_ping=True,
         connect_args={
             "connect_timeout": CONNECT_TIMEOUT_S,
             "keepalives_idle": LOCK_TIMEOUT_S,
+            # Without it, a connection to an unplugged server hangs for a quarter of an hour.
             "tcp_user_timeout": 1000 * LOCK_TIMEOUT_S,
             "application_name": "swashtwin",
             "options": " ".join(f"-c {name}={value}" for name, value in server_options.items()),
@@ -184,6 +191,7 @@ def _sqlite_engine(address: URL, is_new: bool) -> Engine:
     if not is_new and not file.is_file():
         raise MissingFileError(f"{file} does not exist; the watch creates it.")
     file.parent.mkdir(parents=True, exist_ok=True)
+
     engine = create_engine(
         address, json_serializer=json_text, connect_args={"timeout": LOCK_TIMEOUT_S}
     )
@@ -192,6 +200,7 @@ def _sqlite_engine(address: URL, is_new: bool) -> Engine:
     def prepare(connection: sqlite3.Connection, _: object) -> None:
         # Transactions begin in `begin` below, not when the driver guesses.
         connection.isolation_level = None
+        # WAL: the page reads while the watch writes. FULL: a commit survives a power cut.
         for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
             connection.execute(f"PRAGMA {pragma}")
 

@@ -53,6 +53,7 @@ def export_history(
             rows = session.execute(
                 select(*columns).order_by(table.id).execution_options(yield_per=FETCHED_ROWS)
             )
+
             progress(table.__tablename__)
             counts[table.__tablename__] = _write_table(
                 folder / f"{table.__tablename__}.csv", [column.name for column in columns], rows
@@ -62,6 +63,7 @@ def export_history(
             names = reader.indicator_names(machine.name)
             header = ["recording", "time", "point"]
             header += [f"{channel} {name}" for channel, name in names]
+
             file_name = f"indicators/{safe_file_name(machine.name)}"
             progress(file_name)
             counts[file_name] = _write_table(
@@ -84,6 +86,7 @@ def _write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]
 
 
 def _indicator_rows(session: Session, machine: str, names: Names) -> Iterator[Sequence[Any]]:
+    # Layouts may have different indicators in different order; the file has all of them.
     column_numbers = {name: number for number, name in enumerate(names)}
     layout_columns = {}
     for layout in session.scalars(select(Layout).where(Layout.machine == machine)):

@@ -94,6 +94,7 @@ class History:
             # The lock of the machine without a name makes the number of the page grow.
             lock_machine(session, "")
             stored = session.scalars(select(Rejection).where(*is_same)).first()
+
             if stored is not None:
                 rejection.id = stored.id
                 rejection.times = stored.times + 1
@@ -140,7 +141,10 @@ def record_event(
         if found:
             transaction.record_finding(found, who)
             note = f"found: {found}" + (f"; {note}" if note else "")
+
         number = transaction.add_event("maintenance" if maintenance else "note", who, note)
+
+        # After a repair the machine vibrates differently, and its alarms are no longer true.
         if maintenance:
             transaction.forget_operating_points()
             for alarm in transaction.alarms():

@@ -41,6 +41,8 @@ class Outbox:
             .limit(limit)
             .with_for_update(skip_locked=True)
         )
+
+        # Rows that another sender claims at the same moment are skipped.
         with self._database.writing() as session:
             messages = session.scalars(query).all()
             for message in messages:
@@ -55,6 +57,7 @@ class Outbox:
         remove = delete(Message).where(
             Message.sent.is_not(None), Message.id <= message - N_KEPT_SENT
         )
+
         with self._database.writing() as session:
             session.execute(mark)
             session.execute(remove)

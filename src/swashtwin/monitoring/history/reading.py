@@ -145,6 +145,7 @@ class HistoryReader:
         if state is not None:
             query = query.where(Judgment.state == state)
         if before is not None:
+            # Numbers follow the order of arrival, so the time of measurement decides.
             time = select(Judgment.time).where(Judgment.id == before).scalar_subquery()
             has_same_time = (Judgment.time == time) & (Judgment.id < before)
             query = query.where((Judgment.time < time) | has_same_time)
@@ -165,6 +166,7 @@ class HistoryReader:
             candidates = self.recordings(
                 judgment.machine, point=judgment.point, state=state, limit=N_SEARCHED_RECORDINGS
             )
+
             for candidate in candidates:
                 if candidate.waveform and candidate.id != judgment.id:
                     files[candidate.id] = candidate.waveform
@@ -193,6 +195,8 @@ class HistoryReader:
     def indicator_names(self, machine: str) -> Names:
         """Return channel and name of each indicator that recordings of the machine have."""
         query = select(Layout.names).where(Layout.machine == machine).order_by(Layout.id.desc())
+
+        # A dictionary keeps the order of the layouts, the newest first.
         unique_names: dict[tuple[str, str], None] = {}
         for names in self._all(query):
             unique_names.update(dict.fromkeys((channel, name) for channel, name in names))
@@ -232,6 +236,7 @@ class HistoryReader:
                 )
                 rows += session.execute(newest)
 
+        # After a change of sensors an indicator is in several layouts, each with `limit` rows.
         rows = sorted(rows, key=lambda row: (row[1], row[0]))[-limit:]
         return Trend(
             ids=np.array([number for number, _, _ in rows], np.int64),
@@ -245,6 +250,7 @@ class HistoryReader:
         for layout in self._all(select(Layout).where(Layout.machine == machine)):
             if [channel, name] not in layout.names:
                 continue
+
             # The database cuts the value out of the packed ones, so that few bytes are read.
             start = FLOAT_BYTES * layout.names.index([channel, name]) + 1
             value = func.substr(Indicators.values, start, FLOAT_BYTES)

@@ -35,6 +35,7 @@ class Moment(TypeDecorator[datetime]):
             return None
         if value.tzinfo is None:
             raise ValueError(f"time {value} has no zone; use an aware time, such as one in UTC.")
+
         value = value.astimezone(UTC)
         return value.replace(tzinfo=None) if dialect.name == "sqlite" else value
 
@@ -58,7 +59,9 @@ class Real(TypeDecorator[float]):
         return max(-sys.float_info.max, min(float(value), sys.float_info.max))
 
 
+# SQLite numbers rows by itself only in a column of the type INTEGER.
 _Number = BigInteger().with_variant(Integer(), "sqlite")
+# None is stored as NULL, not as the JSON text null, so that queries can ask for it.
 _Document = JSON(none_as_null=True)
 
 
@@ -154,6 +157,7 @@ class Judgment(Row, kw_only=True):
     )
 
 
+# Only rows with a waveform: retention asks for no others, and they are few in a long history.
 _HAS_WAVEFORM = Judgment.__table__.c.waveform.is_not(None)
 Index(
     "recordings_by_retention", Judgment.machine, Judgment.retention, Judgment.time,
@@ -209,7 +213,7 @@ class OperatingPointRow(Row, kw_only=True):
 
 
 class Baseline(Row, kw_only=True):
-    """Baseline of an operating point, in a separate table because it is large and rarely changes."""
+    """Baseline of an operating point, apart from it because it is large and rarely changes."""
 
     __tablename__ = "baselines"
     machine: Mapped[str] = mapped_column(ForeignKey("machines.name"), primary_key=True)
@@ -231,9 +235,7 @@ class Alarm(Row, kw_only=True):
     opened: Mapped[datetime]
     """Time of the recording that raised it."""
     evidence: Mapped[dict[str, Any]]
-    """Why it was raised, the ``suspect``, its ``severity``, and what was ``found``, as JSON can hold
-    it.
-    """
+    """Why it was raised, the ``suspect``, its ``severity``, and what was ``found``."""
     recording: Mapped[int | None]
     cleared: Mapped[datetime | None] = mapped_column(default=None)
     """Since when its cause has been gone, or None."""
@@ -244,6 +246,7 @@ class Alarm(Row, kw_only=True):
     """When it was both acknowledged and cleared."""
 
 
+# Every recording asks for the alarms that are not closed; there are few of them.
 _NOT_CLOSED = Alarm.__table__.c.closed.is_(None)
 Index("alarms_not_closed", Alarm.machine, sqlite_where=_NOT_CLOSED, postgresql_where=_NOT_CLOSED)
 
@@ -318,5 +321,6 @@ class Message(Row, kw_only=True):
     sent: Mapped[datetime | None] = mapped_column(default=None)
 
 
+# Senders look twice a second for messages that wait, which are few.
 _NOT_SENT = Message.__table__.c.sent.is_(None)
 Index("outbox_waiting", Message.id, sqlite_where=_NOT_SENT, postgresql_where=_NOT_SENT)

@@ -75,11 +75,13 @@ class MachineTransaction:
         judgment.waveform = waveform
         judgment.retention = self._retention_of(judgment) if waveform else None
         newest = self.newest()
+
         number = self._add(judgment)
 
         if values:
             self._add_indicators(number, values)
         self._count(judgment.state)
+        # One that arrived late does not become the newest.
         if newest is None or judgment.time >= newest:
             self._execute(update(Machine).where(Machine.name == self.name).values(last=number))
         if waveform:
@@ -91,6 +93,8 @@ class MachineTransaction:
         digest = hashlib.sha256(json_text(names).encode()).hexdigest()
         query = select(Layout.id).where(Layout.machine == self.name, Layout.digest == digest)
         layout = self._session.scalars(query).first()
+
+        # Recordings have the same names day by day, so they are stored once and not with each.
         if layout is None:
             layout = self._add(Layout(digest=digest, names=names))
 
@@ -115,6 +119,7 @@ class MachineTransaction:
             return "alarm"
 
         day = judgment.time.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
+        # The day is that of UTC, so that daylight saving time makes none of 23 or 25 hours.
         is_of_day = self._with_waveform(
             Judgment.retention == "day",
             Judgment.time >= day,
@@ -139,6 +144,7 @@ class MachineTransaction:
         surplus = {number: path for number, path in self._session.execute(surplus_query) if path}
         if not surplus:
             return
+
         self.dropped += surplus.values()
         self._execute(update(Judgment).where(Judgment.id.in_(surplus)).values(waveform=None))
 
@@ -293,6 +299,7 @@ class MachineTransaction:
                 f"{self.name} had no alarm of the pump with which {finding!r} could be kept; "
                 "write it as a note."
             )
+
         entry = {"text": finding, "who": who, "time": datetime.now(UTC).isoformat()}
         alarm.evidence = {**alarm.evidence, "found": entry}
 
@@ -311,6 +318,7 @@ class MachineTransaction:
         if is_same_suspect and is_known:
             return None
 
+        # A new dictionary: SQLAlchemy does not see a change inside of the old one.
         stored.evidence = {**stored.evidence, "severity": dict(severity)}
         return stored
 
@@ -365,5 +373,5 @@ class MachineTransaction:
         """Add a row of this machine, and return its number."""
         row.machine = self.name  # type: ignore[attr-defined]
         self._session.add(row)
-        self._session.flush()
+        self._session.flush()  # the database numbers the row
         return int(row.id)  # type: ignore[attr-defined]

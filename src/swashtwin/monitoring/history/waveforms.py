@@ -49,6 +49,7 @@ class Waveforms:
             f"{safe_file_name(machine)}/{moment:%Y-%m}/{moment:%Y%m%dT%H%M%S}_{content_name}.h5"
         )
         path = self.folder / relative_path
+
         while True:
             try:
                 write_store([recording], path)
@@ -60,6 +61,8 @@ class Waveforms:
             with suppress(FileNotFoundError):
                 _flush(path)
                 break
+
+        # Without this, a power cut may lose the name of a file whose content is safe.
         _flush(path.parent)
         return relative_path
 
@@ -79,6 +82,7 @@ class Waveforms:
         max_time = time.time() - MIN_ORPHAN_AGE_S
         files = (path for path in self.folder.rglob("*.h5") if path.stat().st_mtime < max_time)
         count = 0
+
         while batch := list(islice(files, SWEEP_BATCH)):
             orphans = self._find_orphans(
                 {path.relative_to(self.folder).as_posix() for path in batch}

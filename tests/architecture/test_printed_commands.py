@@ -24,7 +24,7 @@ from swashtwin.cli import app
 from swashtwin.learning import NETWORKS
 from swashtwin.pump.faults import _faults
 from swashtwin.recordings import load_recordings, write_recording
-from swashtwin.recordings.files import _registered
+from swashtwin.recordings.file_formats import _registered_readers
 from swashtwin_bench import build_rig
 
 ROOT = Path(__file__).parents[2]
@@ -287,7 +287,7 @@ def _own_registries(monkeypatch: pytest.MonkeyPatch) -> None:
     names: tuple[tuple[dict[str, Any], str], ...] = (
         (NETWORKS, "small_cnn"),
         (_faults, "cracked_plate"),
-        (_registered, ".counts"),
+        (_registered_readers, ".counts"),
     )
     for registry, name in names:
         monkeypatch.setitem(registry, name, None)

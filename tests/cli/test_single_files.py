@@ -126,7 +126,7 @@ def test_evaluate_names_copies_and_says_how_many_are_called_unknown(
     (strange / "normal_9.csv").write_bytes((folder / "normal_1.csv").read_bytes())
     run("index", strange, *FACTS)
     said = run("evaluate", model, strange)
-    assert "excluded: recording normal_9, which holds the samples of normal_1," in " ".join(
+    assert "excluded: recording normal_9, a copy of normal_1, altered or not," in " ".join(
         said.stderr.split()
     )
     unknown = run_json("evaluate", model, strange)["confidence"]["called_unknown"]

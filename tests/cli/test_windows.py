@@ -9,7 +9,7 @@ import pytest
 from swashtwin.foundation import DataError, MPa, random_stream, rpm, safe_file_name
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
-from swashtwin.recordings.index import relative_path, save_index
+from swashtwin.recordings.index_writing import relative_path, save_index
 
 SCRIPT = Path(__file__).parents[1] / "support" / "windows.py"
 COMMANDS = (

@@ -175,7 +175,7 @@ def test_an_evaluation_refuses_an_altered_copy_and_a_diagnosis_compares_samples_
     assert classifier.evaluate([recording(7), recording(8, "piston")]).n_recordings == 2
     with pytest.raises(
         LeakError,
-        match="recording new, which holds the samples of piston 1, as they are or altered",
+        match="recording new, a copy of piston 1, altered or not",
     ):
         classifier.evaluate([copy])
     monkeypatch.setattr("swashtwin.recordings.manifest.find_altered_copies", None)

@@ -26,7 +26,7 @@ from swashtwin.recordings import (
     write_recording,
     write_store,
 )
-from swashtwin.recordings import files as registry
+from swashtwin.recordings import file_formats as registry
 from swashtwin.recordings.samples import Samples
 
 
@@ -234,7 +234,7 @@ def test_where_selects_by_condition_and_attribute(folder: Path) -> None:
 def test_a_selection_of_nothing_says_which_values_there_are(
     folder: Path, conditions: dict[str, object], message: str
 ) -> None:
-    with pytest.raises(DataError, match=f"no recording has {message}"):
+    with pytest.raises(DataError, match=f"No recording has {message}"):
         load_recordings(folder).where(**conditions)
 
 
@@ -243,7 +243,7 @@ def test_a_selection_of_nothing_says_which_values_there_are(
     [
         ("lable", "did you mean 'label'"),
         ("dya", "did you mean 'day'"),
-        ("qqq", "there are label, specimen, speed, pressure, ids, day.$"),
+        ("qqq", "use one of label, specimen, speed, pressure, ids, day.$"),
     ],
 )
 def test_an_attribute_that_no_recording_has_is_refused_with_the_nearest(
@@ -254,7 +254,7 @@ def test_an_attribute_that_no_recording_has_is_refused_with_the_nearest(
     recordings = Recordings(
         replace(item, attributes={**item.attributes, **facts}) for item, facts in pairs
     )
-    with pytest.raises(InputError, match=f"no recording has the attribute '{name}'; {hint}"):
+    with pytest.raises(InputError, match=f"No recording has the attribute '{name}'; {hint}"):
         recordings.where(**{name: "piston"})
 
 
@@ -308,15 +308,15 @@ def test_a_class_of_one_group_stays_in_training() -> None:
 
 def test_a_split_that_cannot_be_is_refused() -> None:
     disjoint = Recordings([make("a", specimen="A"), make("b", label="piston", specimen="B")])
-    with pytest.raises(DataError, match="every split by specimen takes a class out of training"):
+    with pytest.raises(DataError, match="Every split by specimen removes a class from training"):
         disjoint.split(by="specimen")
-    with pytest.raises(DataError, match="there is only one specimen"):
+    with pytest.raises(DataError, match="There is only one specimen"):
         Recordings([make("a", specimen="A"), make("b", specimen="A")]).split(by="specimen")
     with pytest.raises(LeakError, match="b is synthetic"):
         Recordings([make("a"), make("b", synthetic=True)]).split()
     with pytest.raises(InputError, match=r"at most 0\.5"):
         disjoint.split(test=0.7)
-    with pytest.raises(InputError, match="no recording has the attribute 'dya'"):
+    with pytest.raises(InputError, match="No recording has the attribute 'dya'"):
         Recordings(rig()).split(by="dya")
 
 
@@ -334,7 +334,7 @@ def read_counts(path: Path, options: ReadOptions) -> RawFile:
 
 @pytest.fixture
 def counts_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(registry, "_registered", {})
+    monkeypatch.setattr(registry, "_registered_readers", {})
     path = tmp_path / "a.Counts"
     path.write_text("1000\nx 1 2 3 4\ny 5 6 7 8\n")
     return path
@@ -360,7 +360,7 @@ def test_a_registered_format_is_read_alone_and_through_an_index(counts_file: Pat
     np.testing.assert_allclose(recording.slice(1, 3).signal, [[6 * 9.80665, 7 * 9.80665]])
     counts_file.write_text("1000\nx 1 two\n")
     with pytest.raises(
-        DataError, match=r"a.Counts is damaged, cut off, or no .counts file \(ValueError"
+        DataError, match=r"a.Counts is damaged, cut off, or not a .counts file \(ValueError"
     ):
         load_recordings(index)
 
@@ -382,7 +382,7 @@ def test_an_installed_format_is_found_by_its_entry_point(
 
 
 def test_a_suffix_that_cannot_be_registered_is_refused() -> None:
-    with pytest.raises(InputError, match=r"'\.CSV'|'\.csv' is read by swashtwin itself"):
+    with pytest.raises(InputError, match=r"'\.CSV'|'\.csv' is a format of swashtwin itself"):
         register_format(".CSV", read_counts)
-    with pytest.raises(InputError, match=r"suffix 'acq' must begin with a point"):
+    with pytest.raises(InputError, match=r"Invalid suffix 'acq': it must begin with a point"):
         register_format("acq", read_counts)

@@ -78,7 +78,7 @@ def test_channels_of_one_rate_are_chosen_from_a_measurement_of_several(tmp_path:
         assert (loaded.unit, loaded.sample_rate) == ("m/s^2", 25600.0)
         np.testing.assert_allclose(loaded.signal[0], SIGNAL[0] * 9.80665)
     with pytest.raises(
-        DataError, match=r"several rates \(acc: 25600 Hz, speed: 100 Hz\), .* channels = \[...\]"
+        DataError, match=r"several rates \(acc: 25600 Hz, speed: 100 Hz\), .* with channels"
     ):
         load_recording(path, channels=["*"])
 

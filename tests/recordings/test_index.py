@@ -163,7 +163,7 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
         (f'format = 1\nclasses = ["normal", "swash_plate"]\n[[recording]]\nfile = "a.csv"\nlabel = "swashplate"\n{FACTS}',
          "unknown class 'swashplate'; did you mean 'swash_plate'"),
         (f'format = 1\nclasses = ["normal"]\n[[recording]]\nfile = "a.csv"\nlabel = "xyz"\n{FACTS}', "classes = "),
-        (f'format = 1\n[[recording]]\nfile = "a.csv"\n{FACTS}[[recording]]\nfile = "./a.csv"\n{FACTS}', "share the id"),
+        (f'format = 1\n[[recording]]\nfile = "a.csv"\n{FACTS}[[recording]]\nfile = "./a.csv"\n{FACTS}', "have the same id"),
         ("format = 1\nclasses = [1, 2]\n[[recording]]\nfile = 'a.csv'", r"classes\[0\]: .*whole number: 1"),
         ("format = 1\nx = " + "[" * 5000, "is not valid TOML: "),
         ("format = " + "9" * 1_000_000, "is not valid TOML: .*digits"),
@@ -191,7 +191,7 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
                 "attributes = {a = {b = 1}}": "attributes.*: expected text",
                 "attributes = 3": "attributes: expected a table",
                 "speed = nan": "speed is the bare number nan",
-                'speed = "0 rpm"': "speed = '0 rpm' must be above zero",
+                'speed = "0 rpm"': r"speed \(0 rpm\) must be above zero",
                 'speed = "1e999 rpm"': "is not finite",
             }.items()
         ),
@@ -207,7 +207,7 @@ def test_a_folder_without_an_index_says_how_to_get_one(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match="swashtwin index"):
         load_recordings(tmp_path)
     save(tmp_path, "")
-    with pytest.raises(DataError, match="does not say its sample rate"):
+    with pytest.raises(DataError, match="does not state its sample rate"):
         load_recordings(tmp_path / "a.csv")
 
 
@@ -301,7 +301,7 @@ def test_a_proposal_asks_for_missing_facts(rig: Path) -> None:
     proposal = propose_index(rig, ask=ask)
     assert [key for key, _ in questions] == ["sample_rate", "unit"]
     assert questions[0][1].startswith(
-        "3 files (as A01/normal_15MPa_860rpm_1.csv) do not say their sample_rate."
+        "3 files (as A01/normal_15MPa_860rpm_1.csv) do not state their sample_rate."
     )
     assert proposal.index["defaults"] == {
         "sample_rate": "25.6 kHz",
@@ -319,7 +319,7 @@ def test_a_pressure_without_a_speed_is_kept_and_noticed(tmp_path: Path) -> None:
     (tmp_path / "normal_15MPa.csv").write_text(f"x\n{rows}\n")
     proposal = propose_index(tmp_path, sample_rate="1 kHz", unit="g")
     assert proposal.notes == (
-        'files state a pressure and no speed; add --speed "860 rpm" where it is known: calibration and shaft orders '
+        'files state a pressure and no speed; add --speed "860 rpm" if it is known: calibration and shaft orders '
         "need it.",
     )
     recordings = load_recordings(save_index(proposal.index, tmp_path / "recordings.toml"))
@@ -458,13 +458,13 @@ def touch(folder: Path, *names: str, text: str = "x,y\n1.5,2.5\n3.5,4.5\n") -> d
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"unit": "m/s^2"}, "says 'x' is in g, the index says m/s\\^2"),
-        ({"sensitivity": "0.1 g"}, "'x' is in g already, as the file says"),
+        ({"unit": "m/s^2"}, "states that 'x' is in g, but m/s\\^2 is specified"),
+        ({"sensitivity": "0.1 g"}, "'x' is in g already, according to the file"),
         (
             {"sample_rate": "1 kHz"},
-            "its sample rate is 2000 Hz, the index says 1000 Hz; correct the index\\.",
+            "a sample rate of 2000 Hz, but 1000 Hz is specified. Correct sample_rate\\.",
         ),
-        ({"sample_rate": "2 MHz"}, 'or, if its times are in ms, say time_unit = "ms" instead'),
+        ({"sample_rate": "2 MHz"}, "or, if the times are in ms, set time_unit='ms' instead"),
     ],
 )
 def test_an_option_that_a_file_contradicts_is_refused_before_an_index_is_made(
@@ -562,7 +562,7 @@ def test_a_pattern_is_applied_to_what_is_included_and_can_be_read(tmp_path: Path
 
 def test_a_slow_pattern_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     facts = touch(tmp_path, "a" * 60 + "!.csv")
-    monkeypatch.setattr(fact_extraction, "_PATIENCE", 0.05)
+    monkeypatch.setattr(fact_extraction, "_PATTERN_TIMEOUT_S", 0.05)
     with pytest.raises(InputError, match="takes too long on 'aaa"):
         propose_index(tmp_path, label_pattern=r"^(?P<label>(a|a|aa)+)+$", **facts)
 
@@ -598,7 +598,7 @@ def test_the_files_of_a_table_are_looked_for_where_they_can_be(
     [
         (
             ("A_normal_1", "A_piston_1", "B_normal_1"),
-            "the classes begin with A, B, taken for the machine",
+            "the classes begin with A, B, which was read as the machine",
         ),
         (("Test_1", "Test_2"), "every file is of the class 'Test': is that a class?"),
         (
@@ -682,7 +682,7 @@ def test_a_measured_speed_in_the_file_counts_for_more_than_that_of_its_name(tmp_
     assert specified_shaft_frequency(stated) == pytest.approx(25)
     assert (
         stated.attributes["contradicted"]
-        == "speed = 1500 rpm is stated and counts, and the file says 980.0 rpm"
+        == "speed = 1500 rpm is specified and counts, the file states 980.0 rpm"
     )
 
 

@@ -171,7 +171,7 @@ def test_lines_beside_the_stated_speed_are_a_warning(stated: float) -> None:
     (finding,) = inspect_recording(good(speed=stated)).findings
     assert (finding.kind, finding.severity) == ("speed", "warning")
     assert "(860 rev/min)" in finding.message
-    assert f"the stated {stated:.0f} rev/min" in finding.message
+    assert f"the specified {stated:.0f} rev/min" in finding.message
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -187,7 +187,7 @@ def test_a_rate_in_khz_that_was_given_as_hz_or_the_other_way_is_a_warning(
     findings = inspect_recording(replace(good(), sample_rate=rate, unit=unit)).findings
     (finding,) = [finding for finding in findings if finding.kind == "rate"]
     assert finding.severity == "warning"
-    assert f'if {meant} was meant, state sample_rate = "{meant}".' in finding.message
+    assert f'if {meant} was meant, set sample_rate = "{meant}".' in finding.message
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_a_level_far_from_that_of_its_class_is_a_warning() -> None:
     (level,) = [finding for finding in report.findings if finding.kind == "level"]
     assert level.severity == "warning"
     assert re.fullmatch(
-        r"the level of r3 is not that of normal: [\d.]+ m/s\^2 in x \(\S+ times the usual \S+\), [\d.]+ m/s\^2 in y .*",
+        r"the level of r3 is not that of normal: [\d.]+ m/s\^2 in x \(\S+ times the median \S+\), [\d.]+ m/s\^2 in y .*",
         level.message,
     )
 
@@ -254,7 +254,8 @@ def test_a_recording_looked_at_in_parts_gets_the_findings_of_the_whole(
     whole = inspect_recordings(recordings)
     (duplicate,) = [finding for finding in whole.findings if finding.kind == "duplicate"]
     assert "hold the same samples" in duplicate.message
-    monkeypatch.setattr("swashtwin.recordings.channel_checks.PART", 6401)
+    for module in ("channel_statistics", "channel_checks"):
+        monkeypatch.setattr(f"swashtwin.recordings.{module}.PART_SAMPLES", 6401)
     parts = inspect_recordings(recordings)
     assert [kinds(report) for report in parts.recordings] == [
         kinds(report) for report in whole.recordings

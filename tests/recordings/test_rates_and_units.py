@@ -61,7 +61,7 @@ def test_each_channel_has_its_own_rate_and_two_rates_are_refused_together(
 ) -> None:
     path = write(tmp_path)
     with pytest.raises(
-        DataError, match=r"several rates \(\S.*: 25600 Hz, \S.*: 12800 Hz\).*channels = \["
+        DataError, match=r"several rates \(\S.*: 25600 Hz, \S.*: 12800 Hz\).*with channels"
     ) as caught:
         load_recording(path)
     assert "\n" not in str(caught.value)
@@ -69,7 +69,7 @@ def test_each_channel_has_its_own_rate_and_two_rates_are_refused_together(
         loaded = load_recording(path, channels=[channel])
         assert loaded.sample_rate == rate
         np.testing.assert_allclose(loaded.signal[0], values * 9.80665)
-    with pytest.raises(DataError, match="12800 Hz, the index says 25600 Hz"):
+    with pytest.raises(DataError, match="12800 Hz, but 25600 Hz is specified"):
         load_recording(path, channels=[1], sample_rate="25.6 kHz")
 
 
@@ -104,7 +104,7 @@ def test_units_of_two_structures_are_not_mixed(tmp_path: Path) -> None:
         load_recording(tmp_path / "a.mat", channels=["a.x", "b.y"])
     assert load_recording(tmp_path / "a.mat").channels == ("a.x",)
     assert load_recording(tmp_path / "a.mat", channels=["b.y"]).unit == "Pa"
-    with pytest.raises(DataError, match=r"'b\.y' is in Pa, the index says g"):
+    with pytest.raises(DataError, match=r"'b\.y' is in Pa, but g is specified"):
         load_recording(tmp_path / "a.mat", channels=["b.y"], unit="g")
 
 

@@ -46,14 +46,14 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
         tmp_path / "a.wav", np.array([[0.5, 0.25], [-0.5, 0.125]]), 48000, subtype="PCM_16"
     )
     for facts, message in (
-        ({"unit": "g"}, 'without a scale; add sensitivity = "50 m/s\\^2"'),
+        ({"unit": "g"}, "without a scale. Set sensitivity='50 m/s\\^2'"),
         (
             {"sensitivity": "100 mV/g", "unit": "V"},
-            'state what full scale .* "50 m/s\\^2", and not "100 mV/g"',
+            "100 mV/g is for channels in mV. Set .* sensitivity='50 m/s\\^2'",
         ),
         (
             {"sensitivity": "50 m/s^2", "unit": "g"},
-            r"remove unit, or state it of the other files only, not in \[def",
+            r"Remove unit, or set it for the other files only, not in \[def",
         ),
     ):
         with pytest.raises(DataError, match=message):
@@ -68,8 +68,8 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("facts", "error", "message"),
     [
-        ({"sample_rate": 1000}, DataError, 'add unit = "g"'),
-        ({"unit": "g"}, DataError, 'add sample_rate = "25.6 kHz"'),
+        ({"sample_rate": 1000}, DataError, "Set unit='g'"),
+        ({"unit": "g"}, DataError, "Set sample_rate='25.6 kHz'"),
         ({"unit": "bananas", "sample_rate": 1000}, UnitError, "Unknown unit"),
         ({"unit": "g", "sample_rate": "1000"}, UnitError, "no unit"),
         ({"unit": "g", "sample_rate": -5}, DataError, "must be positive"),
@@ -104,7 +104,7 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
             UnitError,
             "number with its unit",
         ),
-        ({"sensitivity": "1 mV/g", "sample_rate": 1000}, DataError, 'add unit = "V" or "mV"'),
+        ({"sensitivity": "1 mV/g", "sample_rate": 1000}, DataError, "Set unit='V' or unit='mV'"),
         (
             {"sensitivity": "1 mV/g", "unit": "g", "sample_rate": 1000},
             DataError,
@@ -124,7 +124,7 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
         (
             {"unit": "g", "sample_rate": 1000, "resample": "1e308 Hz"},
             DataError,
-            "no rate of a measurement",
+            "not a rate of a measurement",
         ),
         (
             {"unit": "g", "sample_rate": 1000, "sha256": "0" * 64},
@@ -154,7 +154,7 @@ def test_a_wrong_or_missing_fact_is_refused(
 
 def test_a_rate_that_contradicts_the_file_names_both(recording: Recording, tmp_path: Path) -> None:
     path = write_recording(recording, tmp_path / "a.h5")
-    with pytest.raises(DataError, match=r"25600 Hz, the index says 12800 Hz"):
+    with pytest.raises(DataError, match=r"25600 Hz, but 12800 Hz is specified"):
         load_recording(path, sample_rate="12.8 kHz")
     assert load_recording(path, sample_rate="25.61 kHz").sample_rate == 25610.0
 
@@ -233,6 +233,7 @@ def test_a_condition_in_a_file_is_completed_and_not_contradicted(tmp_path: Path)
     )
     assert load_recording(path, discharge_pressure="150 bar").condition == condition
     with pytest.raises(
-        DataError, match=r"says it ran at 860 rpm and 15 MPa, the index says 860 rpm and 12 MPa"
+        DataError,
+        match=r"an operating point of 860 rpm and 15 MPa, but 860 rpm and 12 MPa is specified",
     ):
         load_recording(path, discharge_pressure="120 bar")

@@ -48,7 +48,7 @@ def test_a_recording_has_samples_of_its_own_and_none_where_they_are_masked() -> 
     for values in (np.zeros((1, 4), complex), np.array([["a"]])):
         with pytest.raises(DataError, match="a recording holds real numbers"):
             Recording(values, 10.0, "a")
-    with pytest.raises(InputError, match="a is one recording where several are expected"):
+    with pytest.raises(InputError, match="a is one recording, but several are expected"):
         Recordings(recording)
 
 
@@ -70,12 +70,10 @@ def test_a_recording_has_samples_of_its_own_and_none_where_they_are_masked() -> 
 def test_a_fact_of_a_wrong_kind_is_refused_in_words(facts: dict[str, Any], message: str) -> None:
     with pytest.raises((DataError, InputError), match=message):
         Recording(**{"signal": np.zeros((1, 4)), "sample_rate": 10.0, "recording_id": "a", **facts})
-    with pytest.raises(InputError, match="is no recording"):
+    with pytest.raises(InputError, match="is not a recording"):
         Recordings(["a.csv"])
     for stop in ("5", 2.5):
-        with pytest.raises(
-            InputError, match="samples are counted by whole numbers, and not from 0 to"
-        ):
+        with pytest.raises(InputError, match="sample numbers must be integers, not 0 to"):
             make().slice(0, stop)
 
 
@@ -140,7 +138,7 @@ def test_where_meets_every_condition_and_leaves_out_nothing_that_does(
     if expected:
         assert recordings.where(label=label, ids=ids, specimen=specimen).recording_ids == expected
         return
-    with pytest.raises(DataError, match=r"^no recording has .*; there are ") as refusal:
+    with pytest.raises(DataError, match=r"^No recording has .*; there are ") as refusal:
         recordings.where(label=label, ids=ids, specimen=specimen)
     message = str(refusal.value)
     assert all(repr(value) in message for value in (label, specimen) if value is not None)

@@ -118,7 +118,7 @@ def test_a_recording_of_another_version_is_refused_by_both_names(
         ({"sample_rate": 500.0}, "sample_rate 500.0, the first one 1000.0"),
         ({"channels": ("x", "z")}, "channels"),
         ({"recording_id": "b"}, "recording_id 'b'"),
-        ({"speed": None}, "some have none"),
+        ({"speed": None}, "only some blocks have a speed"),
     ],
 )
 def test_a_block_that_does_not_continue_the_first_is_refused(

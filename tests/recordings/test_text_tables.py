@@ -155,7 +155,7 @@ def test_time_stamps_run_over_midnight(tmp_path: Path) -> None:
 
 def test_time_stamps_too_coarse_to_tell_the_rate_state_none(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,x\n" + rows_of("%Y-%m-%d %H:%M:%S,%n\n", 640, 1 / 256))
-    with pytest.raises(DataError, match="does not say its sample rate"):
+    with pytest.raises(DataError, match="does not state its sample rate"):
         load_recording(tmp_path / "a.csv", unit="1")
     assert load_recording(tmp_path / "a.csv", unit="1", sample_rate=256).n_samples == 640
 
@@ -173,8 +173,8 @@ def test_a_column_of_words_is_named_and_left_out(empty: int, tmp_path: Path) -> 
         if finding.kind == "left_out"
     ]
     assert notes == [
-        "columns that hold text or dates were left out: status.",
-        "columns that count the samples were left out: count.",
+        "columns of text or dates were skipped: status.",
+        "columns that count the samples were skipped: count.",
     ]
 
 

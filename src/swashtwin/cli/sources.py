@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from swashtwin.cli.console import print_note
-from swashtwin.cli.options import LAYOUT, READING, option_name
+from swashtwin.cli.options import LAYOUT, READING, option_name, spell_as_option
 from swashtwin.foundation import SwashTwinError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ def single_file_options() -> Iterator[None]:
     try:
         yield
     except SwashTwinError as cause:
-        raise type(cause)(by_options(str(cause))) from cause
+        raise type(cause)(by_options(cause.describe(spell_as_option))) from cause
 
 
 def by_options(text: str) -> str:

@@ -1,10 +1,9 @@
-"""Recordings of one data set, loaded from an index, a store or files, and the ways to select and
-split them.
-"""
+"""Recordings of one data set: loading, selecting and splitting them."""
 
 import operator
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, overload
 
@@ -12,27 +11,43 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError, LeakError, as_path
 from swashtwin.pump import PRESSURE_TOLERANCE, is_same_class, merge_close_values, values_match
-from swashtwin.recordings.channel_checks import Finding, listed
-from swashtwin.recordings.files import is_store, load_store
+from swashtwin.recordings.file_loading import load_recording
+from swashtwin.recordings.findings import Finding, join_names
+from swashtwin.recordings.group_split import select_test_rows
 from swashtwin.recordings.grouping import (
     GROUP_SPEED_TOLERANCE,
     recording_groups,
-    select_test_rows,
-    specified_pressure,
-    specified_speed,
-    unknown_attribute,
+    unknown_attribute_error,
 )
-from swashtwin.recordings.index import load_index
-from swashtwin.recordings.loading import load_recording
+from swashtwin.recordings.hdf5_store import is_store, load_store
+from swashtwin.recordings.index_reading import load_index
 from swashtwin.recordings.recording import Recording, require_unique_ids
+from swashtwin.recordings.specified_facts import specified_pressure, specified_speed
+
+_MAX_LISTED_VALUES = 12
+"""Values that a message lists."""
+
+
+@dataclass(frozen=True)
+class _Criterion:
+    """One condition of `Recordings.where`."""
+
+    description: str
+    """Condition, such as ``"the label 'piston'"``."""
+    noun: str
+    """Plural of what is compared, with its unit."""
+    values: Sequence[str | None]
+    """Value of each recording, for messages."""
+    are_met: Sequence[bool]
+    """Whether each recording meets the condition."""
 
 
 class Recordings(Sequence[Recording]):
-    """Recordings of one data set, each with an id of its own; `load_recordings` makes them.
+    """Recordings of one data set, each with a unique id; `load_recordings` makes them.
 
-    Every access gives a `Recording` that reads its samples when they are asked for, and forgets
-    them with the last reference to it: a loop over the recordings has one signal in memory at a
-    time.
+    Samples in files are read on demand. A loop over the recordings has one signal in memory at a
+    time: it forgets the signal that it read when it goes on. A recording that is taken by its
+    number is a copy that keeps its signal.
 
     Parameters
     ----------
@@ -46,7 +61,8 @@ class Recordings(Sequence[Recording]):
     Examples
     --------
     >>> names = {"a": "normal", "b": "normal", "c": "piston", "d": "piston"}
-    >>> recordings = Recordings(Recording(np.ones((1, 100)), 50.0, name, label=names[name]) for name in names)
+    >>> signal = np.ones((1, 100))
+    >>> recordings = Recordings(Recording(signal, 50.0, name, label=names[name]) for name in names)
     >>> recordings
     Recordings(4: 2 normal, 2 piston; 1 channel at 50 Hz)
     >>> train, test = recordings.split(test=0.5, seed=0)
@@ -57,18 +73,36 @@ class Recordings(Sequence[Recording]):
     """
 
     def __init__(self, recordings: Iterable[Recording]) -> None:
-        recordings = list(recordings)
-        for item in recordings:
-            if not isinstance(item, Recording):
-                raise InputError(f"{item!r} is no recording; a file is loaded by load_recordings.")
-        self._recordings = tuple(recording.unloaded() for recording in recordings)
+        self._recordings: tuple[Recording, ...] = ()
+        unloaded = []
+        for recording in recordings:
+            if not isinstance(recording, Recording):
+                raise InputError(
+                    f"{recording!r} is not a recording; load a file with load_recordings."
+                )
+            unloaded.append(recording.unloaded())
+        self._take(unloaded)
+
+    @classmethod
+    def _owning(cls, recordings: Iterable[Recording]) -> "Recordings":
+        """Return a collection of recordings that only collections hold, without copying them."""
+        collection = cls(())
+        collection._take(recordings)
+        return collection
+
+    def _take(self, recordings: Iterable[Recording]) -> None:
+        self._recordings = tuple(recordings)
         require_unique_ids(self.recording_ids, "a data set")
 
     def __len__(self) -> int:
         return len(self._recordings)
 
     def __iter__(self) -> Iterator[Recording]:
-        return (recording.unloaded() for recording in self._recordings)
+        for recording in self._recordings:
+            was_loaded = recording.samples.is_loaded
+            yield recording
+            if not was_loaded:
+                recording.samples.release()
 
     @overload
     def __getitem__(self, index: int) -> Recording: ...
@@ -76,26 +110,29 @@ class Recordings(Sequence[Recording]):
     def __getitem__(self, index: slice) -> "Recordings": ...
     def __getitem__(self, index: int | slice) -> "Recording | Recordings":
         if isinstance(index, slice):
-            return Recordings(self._recordings[index])
+            return Recordings._owning(self._recordings[index])
         return self._recordings[operator.index(index)].unloaded()
 
     def __add__(self, other: Iterable[Recording]) -> "Recordings":
         return Recordings([*self._recordings, *other])
 
     def __repr__(self) -> str:
-        """Short text: how many of each class, of how many specimens, and their channels."""
+        """Return a short text: recordings of each class, specimens, and channels."""
+        if not self._recordings:
+            return "Recordings(0)"
+
         labels = Counter(label or "no label" for label in self.labels)
         parts = [", ".join(f"{count} {label}" for label, count in labels.items())]
-        if specimens := {name for name in self.specimens if name}:
+        specimens = {name for name in self.specimens if name}
+        if specimens:
             parts.append(f"{len(specimens)} specimen{'s' * (len(specimens) != 1)}")
+
         rates = {recording.sample_rate for recording in self._recordings}
+        rate = f"{min(rates):g} Hz" if len(rates) == 1 else f"{len(rates)} sample rates"
         counts = {recording.n_channels for recording in self._recordings}
-        rate = f"{next(iter(rates)):g} Hz" if len(rates) == 1 else f"{len(rates)} sample rates"
         channels = " or ".join(str(count) for count in sorted(counts))
         parts.append(f"{channels} channel{'s' * (counts != {1})} at {rate}")
-        return (
-            f"Recordings({len(self)}: {'; '.join(parts)})" if self._recordings else "Recordings(0)"
-        )
+        return f"Recordings({len(self)}: {'; '.join(parts)})"
 
     @property
     def recording_ids(self) -> tuple[str, ...]:
@@ -104,12 +141,12 @@ class Recordings(Sequence[Recording]):
 
     @property
     def labels(self) -> tuple[str | None, ...]:
-        """Class of each recording, None where it is not known."""
+        """Class of each recording, None if it is unknown."""
         return tuple(recording.label for recording in self._recordings)
 
     @property
     def specimens(self) -> tuple[str | None, ...]:
-        """Specimen of each recording, None where it is not known."""
+        """Specimen of each recording, None if it is unknown."""
         return tuple(recording.specimen for recording in self._recordings)
 
     def where(
@@ -122,7 +159,7 @@ class Recordings(Sequence[Recording]):
         ids: Iterable[str] | None = None,
         **attributes: str,
     ) -> "Recordings":
-        """Recordings that meet every condition given, in their order.
+        """Return the recordings that meet all conditions, in their order.
 
         Parameters
         ----------
@@ -136,73 +173,66 @@ class Recordings(Sequence[Recording]):
         Raises
         ------
         InputError
-            No recording has an attribute of that name; the nearest name is offered.
+            No recording has an attribute of that name; the message names the nearest one.
         DataError
-            No recording is left; the message lists the values that there are.
+            No recording meets all conditions; the message lists the existing values.
         """
-        tests: list[tuple[str, str, Sequence[str | None], list[bool]]] = []
+        criteria: list[_Criterion] = []
         if label is not None:
-            are_met = [is_same_class(each, label) for each in self.labels]
-            tests.append((f"the label {label!r}", "labels", self.labels, are_met))
+            are_met = [is_same_class(other, label) for other in self.labels]
+            criteria.append(_Criterion(f"the label {label!r}", "labels", self.labels, are_met))
         if specimen is not None:
-            are_met = [each == specimen for each in self.specimens]
-            tests.append((f"the specimen {specimen!r}", "specimens", self.specimens, are_met))
-        for noun, wanted, stated, tolerance, factor, unit in (
-            ("speed", speed, specified_speed, GROUP_SPEED_TOLERANCE, 30 / np.pi, "rev/min"),
-            ("pressure", pressure, specified_pressure, PRESSURE_TOLERANCE, 1e-6, "MPa"),
-        ):
-            if wanted is not None:
-                values = [stated(recording) for recording in self._recordings]
-                are_met = [bool(values_match(value, wanted, tolerance)) for value in values]
-                texts = [f"{value * factor:.4g}" for value in sorted(values)]
-                tests.append(
-                    (
-                        f"the {noun} {wanted * factor:.4g} {unit}",
-                        f"{noun}s [{unit}]",
-                        texts,
-                        are_met,
-                    )
+            are_met = [other == specimen for other in self.specimens]
+            criteria.append(
+                _Criterion(f"the specimen {specimen!r}", "specimens", self.specimens, are_met)
+            )
+        if speed is not None:
+            speeds = [specified_speed(recording) for recording in self._recordings]
+            criteria.append(
+                _quantity_criterion(
+                    "speed", "rev/min", 30 / np.pi, speed, speeds, GROUP_SPEED_TOLERANCE
                 )
+            )
+        if pressure is not None:
+            pressures = [specified_pressure(recording) for recording in self._recordings]
+            criteria.append(
+                _quantity_criterion(
+                    "pressure", "MPa", 1e-6, pressure, pressures, PRESSURE_TOLERANCE
+                )
+            )
         if ids is not None:
             names = sorted({str(name) for name in ids})
-            are_met = [each in names for each in self.recording_ids]
-            tests.append((f"the id {_listed(names)}", "ids", self.recording_ids, are_met))
+            are_met = [name in names for name in self.recording_ids]
+            criteria.append(
+                _Criterion(f"the id {_join_values(names)}", "ids", self.recording_ids, are_met)
+            )
         for name, value in attributes.items():
-            if self._recordings and not any(
-                name in recording.attributes for recording in self._recordings
-            ):
-                raise unknown_attribute(
-                    self._recordings, name, ("label", "specimen", "speed", "pressure", "ids")
-                )
-            present = [recording.attributes.get(name) for recording in self._recordings]
-            tests.append(
-                (
-                    f"{name} {value!r}",
-                    f"{name}s",
-                    present,
-                    [str(each) == str(value) for each in present],
-                )
-            )
-        left = [
-            recording
-            for recording, *are_met in zip(
-                self._recordings, *(each[-1] for each in tests), strict=True
-            )
-            if all(are_met)
-        ]
-        if not left:
-            conditions = " and ".join(words for words, *_ in tests) or "passed"
-            values_there = (
-                "; ".join(f"{noun} {_listed(values)}" for _, noun, values, _ in tests) or "none"
-            )
-            raise DataError(f"no recording has {conditions}; there are {values_there}.")
-        return Recordings(left)
+            criteria.append(self._attribute_criterion(name, value))
+
+        selected = []
+        for row, recording in enumerate(self._recordings):
+            if all(criterion.are_met[row] for criterion in criteria):
+                selected.append(recording)
+        if not selected:
+            raise _no_match_error(criteria)
+        return Recordings._owning(selected)
+
+    def _attribute_criterion(self, name: str, value: str) -> _Criterion:
+        values = [recording.attributes.get(name) for recording in self._recordings]
+        is_known = any(name in recording.attributes for recording in self._recordings)
+        if self._recordings and not is_known:
+            arguments = ("label", "specimen", "speed", "pressure", "ids")
+            raise unknown_attribute_error(self._recordings, name, arguments)
+
+        are_met = [str(other) == str(value) for other in values]
+        return _Criterion(f"{name} {value!r}", f"{name}s", values, are_met)
 
     def split(
         self, test: float = 0.2, *, by: str = "recording", seed: int = 0
     ) -> "tuple[Recordings, Recordings]":
-        """(training recordings, test recordings), with the classes and conditions as alike on both
-        sides as can be.
+        """Return (training recordings, test recordings).
+
+        Classes and operating points are as similar on both sides as possible.
 
         Parameters
         ----------
@@ -215,10 +245,10 @@ class Recordings(Sequence[Recording]):
         Raises
         ------
         InputError
-            A share that cannot be, or an attribute that no recording has.
+            The share is invalid, or no recording has the attribute.
         DataError
-            There are fewer than two groups, some recordings state none, or every test set would
-            take a class out of training.
+            There are fewer than two groups, some recordings specify none, or every test set would
+            remove a class from training.
         LeakError
             A recording is synthetic. Add these to the training recordings afterwards.
         """
@@ -227,35 +257,45 @@ class Recordings(Sequence[Recording]):
         for recording in self._recordings:
             if recording.synthetic:
                 raise LeakError(
-                    f"{recording.recording_id} is synthetic; split the measured recordings first, then add synthetic "
-                    "ones to training."
+                    f"{recording.recording_id} is synthetic; split the measured recordings first, "
+                    "then add synthetic ones to training."
                 )
+
         groups = np.array(list(recording_groups(self._recordings, by).values()))
         if np.unique(groups).size < 2:
             raise DataError(
-                f"there is only one {by}; a split by {by} needs two. Split by another group."
+                f"There is only one {by}; a split by {by} needs two. Split by another group."
             )
-        classes = np.unique([str(label or "") for label in self.labels], return_inverse=True)[1]
+        labels = [str(label or "") for label in self.labels]
+        classes = np.unique(labels, return_inverse=True)[1]
+        rows = select_test_rows(
+            classes, self._strata(classes), groups, test, seed, every_class=False
+        )
+        if rows is None:
+            raise DataError(
+                f"Every split by {by} removes a class from training, because no {by} shares its "
+                "classes with another; split by another group."
+            )
+
+        test_rows = set(rows.tolist())
+        training_recordings: list[Recording] = []
+        test_recordings: list[Recording] = []
+        for row, recording in enumerate(self._recordings):
+            (test_recordings if row in test_rows else training_recordings).append(recording)
+        return Recordings._owning(training_recordings), Recordings._owning(test_recordings)
+
+    def _strata(self, classes: np.ndarray) -> np.ndarray:
+        """Return the number of each combination of class and operating point."""
         speed = np.array([specified_speed(recording) for recording in self._recordings])
         pressure = np.array([specified_pressure(recording) for recording in self._recordings])
-        levels = (
+        columns = (
+            classes,
             merge_close_values(speed, GROUP_SPEED_TOLERANCE),
             merge_close_values(pressure, PRESSURE_TOLERANCE),
         )
-        cells = np.unique(
-            [f"{row}" for row in zip(classes, *levels, strict=True)], return_inverse=True
-        )[1]
-        rows = select_test_rows(classes, cells, groups, test, seed, every_class=False)
-        if rows is None:
-            raise DataError(
-                f"every split by {by} takes a class out of training, because each {by} has classes of its own; split "
-                "by another group."
-            )
-        tested = set(rows.tolist())
-        sides: tuple[list[Recording], list[Recording]] = ([], [])
-        for row, recording in enumerate(self._recordings):
-            sides[row in tested].append(recording)
-        return Recordings(sides[0]), Recordings(sides[1])
+        combinations = [f"{row}" for row in zip(*columns, strict=True)]
+        strata: np.ndarray = np.unique(combinations, return_inverse=True)[1]
+        return strata
 
 
 def load_recordings(
@@ -264,16 +304,16 @@ def load_recordings(
     unreadable: list[Finding] | None = None,
     **facts: Any,
 ) -> Recordings:
-    """Recordings of an index, a store or files; their samples are read when they are asked for.
+    """Return the recordings of an index, a store or files; their samples are read on demand.
 
     Parameters
     ----------
     path : index file, folder that holds ``recordings.toml``, store (`write_store`), one file of a
         measurement, or a list of these.
-    unreadable : gets a finding for each file of an index that cannot be loaded, instead of an error
-        for the first.
-    facts : for single files what the file does not say, as in `load_recording`. Of an index or a
-        store ``label`` and ``specimen`` select: only the files of these are opened.
+    unreadable : receives a finding for each file of an index that cannot be loaded; by default the
+        first one is an error.
+    facts : for single files the facts that the file does not state, as in `load_recording`. For an
+        index or a store, ``label`` and ``specimen`` select: only the files of these are opened.
 
     Raises
     ------
@@ -284,31 +324,64 @@ def load_recordings(
     InputError
         Two recordings have one id, or other facts were given for an index or a store.
     """
+    if isinstance(path, str) or not isinstance(path, Iterable):
+        path = [path]
+
     recordings: list[Recording] = []
-    for source in [path] if isinstance(path, str) or not isinstance(path, Iterable) else path:
+    for source in path:
         source = as_path(source)
-        if not (source.is_dir() or source.suffix == ".toml" or is_store(source)):
-            recordings.append(load_recording(source, **facts))
-            continue
-        chosen = {key: value for key, value in facts.items() if value is not None}
-        for fact in chosen:
-            if fact not in ("label", "specimen"):
-                raise InputError(
-                    f"{fact} is for single files, and {source} states it itself; edit the index, or write the store "
-                    "again."
-                )
-        if is_store(source):
-            found = load_store(source)
+        if source.is_dir() or source.suffix == ".toml" or is_store(source):
+            selection = {key: value for key, value in facts.items() if value is not None}
+            recordings += _load_collection(source, unreadable, selection)
         else:
-            found = load_index(source, unreadable, **chosen)
-            if chosen and not found:
-                found = load_index(source, unreadable)
-        recordings += Recordings(found).where(**chosen) if chosen else found
-    return Recordings(recordings)
+            recordings.append(load_recording(source, **facts))
+
+    for recording in recordings:
+        recording.samples.release()
+    return Recordings._owning(recordings)
 
 
-def _listed(values: Iterable[str | None]) -> str:
-    return listed(
-        list(dict.fromkeys("none" if value in (None, "nan") else str(value) for value in values)),
-        12,
+def _load_collection(
+    source: Path, unreadable: list[Finding] | None, selection: dict[str, Any]
+) -> Iterable[Recording]:
+    """Return the selected recordings of an index or a store."""
+    for fact in selection:
+        if fact not in ("label", "specimen"):
+            raise InputError(
+                f"{fact} is for single files, and {source} states it itself; edit the index, or "
+                "write the store again.",
+                field=fact,
+            )
+
+    if is_store(source):
+        recordings = load_store(source)
+    else:
+        recordings = load_index(source, unreadable, **selection)
+        if selection and not recordings:  # load all, for the message that lists their values
+            recordings = load_index(source, unreadable)
+    return Recordings._owning(recordings).where(**selection) if selection else recordings
+
+
+def _quantity_criterion(
+    name: str, unit: str, scale: float, wanted: float, values: Sequence[float], tolerance: float
+) -> _Criterion:
+    """Return the condition of a quantity; `scale` converts SI to `unit`."""
+    return _Criterion(
+        description=f"the {name} {wanted * scale:.4g} {unit}",
+        noun=f"{name}s [{unit}]",
+        values=[f"{value * scale:.4g}" for value in sorted(values)],
+        are_met=[bool(values_match(value, wanted, tolerance)) for value in values],
     )
+
+
+def _no_match_error(criteria: Sequence[_Criterion]) -> DataError:
+    conditions = " and ".join(criterion.description for criterion in criteria)
+    existing = "; ".join(
+        f"{criterion.noun} {_join_values(criterion.values)}" for criterion in criteria
+    )
+    return DataError(f"No recording has {conditions or 'passed'}; there are {existing or 'none'}.")
+
+
+def _join_values(values: Iterable[str | None]) -> str:
+    texts = ["none" if value in (None, "nan") else str(value) for value in values]
+    return join_names(list(dict.fromkeys(texts)), _MAX_LISTED_VALUES)

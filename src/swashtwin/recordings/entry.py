@@ -18,7 +18,18 @@ QUANTITIES = {
     "case_pressure": "Pa",
     "oil_temperature": "K",
 }
-"""Keys of an entry that are written with a unit, and the SI unit each is kept in."""
+"""Keys of an entry that are written with a unit, and the SI unit of each."""
+CONDITION_FIELDS = {
+    "speed": "speed",
+    "pressure": "discharge_pressure",
+    "suction_pressure": "suction_pressure",
+    "case_pressure": "case_pressure",
+    "oil_temperature": "oil_temperature",
+}
+"""Keys of an entry, and the fields of an `OperatingCondition` that they specify."""
+_MAX_KEY_LENGTH = 60
+"""Characters of an unknown key that a message repeats."""
+_TOML_SCALARS = (str, int, float, date, time)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +39,7 @@ class Entry(ReadOptions):
     file: str
     """Path of the file, relative to the index (or to its ``root``)."""
     id: Text | None = None
-    """Unique name of the recording; the file's stem where None."""
+    """Unique name of the recording; None takes the file's stem."""
     label: Text | None = None
     """Class."""
     specimen: Text | None = None
@@ -50,45 +61,60 @@ class Entry(ReadOptions):
 
     @property
     def options(self) -> ReadOptions:
-        """How the file is read."""
+        """Options that the file is read with."""
         return ReadOptions(
             **{field.name: getattr(self, field.name) for field in fields(ReadOptions)}
         )
 
     @classmethod
-    def from_mapping(cls, values: Mapping[str, Any], where: str) -> "Entry":
-        """Entry of one table of an index, refused with `where` in the message where a key or a
-        value cannot be.
+    def from_mapping(cls, values: Mapping[str, Any], place: str) -> "Entry":
+        """Return the entry of one table of an index.
+
+        Parameters
+        ----------
+        place : where the table stands, for messages.
+
+        Raises
+        ------
+        DataError
+            A key is unknown, or a value is invalid.
+        UnitError
+            A quantity is a bare number.
         """
-        keys = {field.name for field in fields(cls)}
-        stated = {
-            "pressure" if key == "discharge_pressure" else key: value
-            for key, value in values.items()
-        }
-        stated = {key: value for key, value in stated.items() if value is not None}
-        for key, value in stated.items():
-            if key not in keys:
-                near = get_close_matches(key, keys, n=1)
-                hint = (
-                    f"did you mean {near[0]!r}?"
-                    if near
-                    else f"the keys are {', '.join(sorted(keys))}."
-                )
-                raise DataError(f"{where}: unknown key {key[:60]!r}; {hint}")
-            if key in QUANTITIES and not isinstance(value, str):
-                raise UnitError(
-                    f"{where}: {key} is the bare number {value!r}; write it with its unit: "
-                    f'"{value!r} {QUANTITIES[key]}".'
-                )
-        if not stated.get("file"):
-            raise DataError(f'{where}: an entry needs file = "...".')
-        if isinstance(attributes := stated.get("attributes"), Mapping):
-            simple = (str, int, float, date, time)
-            stated["attributes"] = {
-                name: str(value) if isinstance(value, simple) else value
+        facts: dict[str, Any] = {}
+        for key, value in values.items():
+            if value is None:
+                continue
+            name = "pressure" if key == "discharge_pressure" else key
+            cls._require_key(name, value, place)
+            facts[name] = value
+        if not facts.get("file"):
+            raise DataError(f'{place}: an entry needs file = "...".')
+
+        attributes = facts.get("attributes")
+        if isinstance(attributes, Mapping):
+            facts["attributes"] = {
+                name: str(value) if isinstance(value, _TOML_SCALARS) else value
                 for name, value in attributes.items()
             }
+
         try:
-            return from_table(stated, cls, where)
+            return from_table(facts, cls, place)
         except InputError as cause:
             raise DataError(str(cause)) from cause
+
+    @classmethod
+    def _require_key(cls, key: str, value: Any, place: str) -> None:
+        keys = {field.name for field in fields(cls)}
+        if key not in keys:
+            matches = get_close_matches(key, keys, n=1)
+            hint = f"the keys are {', '.join(sorted(keys))}."
+            if matches:
+                hint = f"did you mean {matches[0]!r}?"
+            raise DataError(f"{place}: unknown key {key[:_MAX_KEY_LENGTH]!r}; {hint}")
+
+        if key in QUANTITIES and not isinstance(value, str):
+            raise UnitError(
+                f"{place}: {key} is the bare number {value!r}; write it with its unit: "
+                f'"{value!r} {QUANTITIES[key]}".'
+            )

@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Mapping, Set
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,8 @@ from swashtwin.foundation import (
     parse_quantity,
     read_text,
 )
-from swashtwin.pump import is_healthy
 from swashtwin.recordings.entry import QUANTITIES, Entry
-from swashtwin.recordings.files import stem_of
+from swashtwin.recordings.file_formats import stem_of
 from swashtwin.recordings.formats.headings import (
     GROUPED,
     parse_header,
@@ -32,218 +31,301 @@ from swashtwin.recordings.formats.raw_file import RawFile
 from swashtwin.recordings.formats.sample_units import normalize_unit
 
 PRESSURES = ("pressure", "suction_pressure", "case_pressure")
-"""Keys whose bare numbers have no usual unit: MPa and bar are both in use."""
-_BARE_UNITS = {"speed": "rpm", "sample_rate": "Hz", "resample": "Hz", "oil_temperature": "degC"}
-_GROUPS = {"discharge_pressure": "pressure", "temperature": "oil_temperature"}
-"""Other names of keys that a pattern or a table may use."""
+"""Keys whose bare numbers have no default unit: MPa and bar are both in use."""
+_DEFAULT_UNITS = {"speed": "rpm", "sample_rate": "Hz", "resample": "Hz", "oil_temperature": "degC"}
+"""Units of bare numbers."""
+_KEY_SYNONYMS = {"discharge_pressure": "pressure", "temperature": "oil_temperature"}
+"""Further names of keys, for patterns and tables."""
 _PRESSURE_UNIT = r"(?:MPa|kPa|hPa|mbar|bar|psi)"
 _SPEED_UNIT = r"(?:rpm|r_min|U_min|1_min|min-1|Upm)"
-_UNITS_OF = dict.fromkeys(PRESSURES, _PRESSURE_UNIT)
-_UNITS_OF |= {
+_UNIT_PATTERNS = {
+    **dict.fromkeys(PRESSURES, _PRESSURE_UNIT),
     "speed": rf"(?:{_SPEED_UNIT}|Hz)",
     "sample_rate": "k?Hz",
     "resample": "k?Hz",
     "oil_temperature": "degC|°C",
 }
+"""Units that may stand next to a number in a file name."""
 _NUMBER = r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?"
-_IN_NAMES = {
+_PATH_PATTERNS = {
     "speed": rf"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?({_SPEED_UNIT})(?![A-Za-z])",
     "pressure": rf"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?({_PRESSURE_UNIT})(?![A-Za-z])",
 }
-_IN_HEADERS = {
+"""Quantities that are recognized in file names."""
+_HEADING_PATTERNS = {
     "speed": r"drehzahl|(?:shaft|rotational|motor|pump)[ _]?speed|^speed|rpm$|^rpm",
     "pressure": r"^(?:discharge|outlet|high|system)?[ _-]?pressure|(?:förder|hoch|betriebs|^)druck",
     "oil_temperature": r"oil[ _-]?temp|öltemp",
 }
-_OTHER_THING = re.compile(
+"""Quantities that are recognized in headings, in English and German."""
+_LIMIT_HEADING = re.compile(r"nominal|nenn|rated|set[ _-]?point|soll|max|limit", re.IGNORECASE)
+"""Headings of values that were not measured."""
+_HEADING_UNIT = re.compile(r"(rpm|hz|bar|mpa|kpa|psi)$", re.IGNORECASE)
+_FURTHER_NOUN = re.compile(
     r"[\W_](?!pump|shaft|welle|motor|actual|ist\b|mean)[a-zäöüß]", re.IGNORECASE
 )
-"""A word after that of a quantity, such as sensor or channel, whose number is none of the
-quantity.
-"""
+"""A word after that of a quantity, such as sensor or channel: its number is another one."""
+_MACHINE_NUMBER = r"(?:[ _-]?\d{1,9}|(?:[ _-]|(?<=[a-z]))[A-Z]\d{0,3})"
+MACHINE_NAME = re.compile(
+    rf"(?i:pumpe?|machine|maschine|unit|sn|serial|nr|no)(?:{_MACHINE_NUMBER}|[ _-][a-z])"
+    r"|[A-Z]\d{0,3}"
+)
+"""Names of folders, and words of classes, that stand for a machine."""
+_MACHINE_IN_FILE_NAME = re.compile(
+    rf"(?<![^\W_])(?i:pumpe?|machine|maschine|unit|sn|serial){_MACHINE_NUMBER}(?![^\W_])"
+)
+"""The same in the name of a file, where a number alone may be that of the measurement."""
 _ENTRY_KEYS = {field.name for field in fields(Entry)}
-_LEAST_PRESSURE = 2e5
-"""What a header calls a pressure is that of the air below this [Pa]."""
-_PATIENCE = 1.0
-"""Seconds that a pattern may search in one path."""
+_MIN_PRESSURE_PA = 2e5
+"""A pressure of a header below this is that of the air."""
+_PATTERN_TIMEOUT_S = 1.0
+"""Time that a pattern may search in one path."""
+_MAX_CONTRADICTION = 0.03
+"""Relative difference up to which an entry agrees with the header: values are rounded there."""
 
 
 def parse_path_facts(name: str, pattern: str | None) -> tuple[dict[str, Any], Set[str]]:
-    """(facts that a file's relative path states, keys of those that the pattern found).
+    """Return (facts that a file's relative path states, keys of those that the pattern found).
 
-    Speed and pressure with their units, and a machine, are read in any case.
+    Speed and pressure with their units, and a machine, are recognized without a pattern too.
 
     Parameters
     ----------
-    pattern : regular expression whose named groups are facts, which count for more; without it the
-        label is the folder's name or the words of the file name.
+    pattern : regular expression whose named groups are facts, which override the others; without
+        it the label is the folder's name or the words of the file name.
     """
     path = Path(name)
-    texts, words = {}, stem_of(path)
-    for key, expression in _IN_NAMES.items():
+    texts: dict[str, str] = {}
+    stem = stem_of(path)
+    for key, expression in _PATH_PATTERNS.items():
         if match := regex.search(expression, name, regex.IGNORECASE):
             texts[key] = f"{match[1]} {match[2]}"
-            words = regex.sub(expression, " ", words, flags=regex.IGNORECASE)
-    if machine := next((part for part in path.parent.parts if _MACHINE.fullmatch(part)), None):
-        texts["specimen"] = machine
-    elif (match := _MACHINE_IN_NAME.search(words)) and match[0] != words.strip("_-. "):
-        texts["specimen"] = match[0]
-        words = words.replace(match[0], " ")
+            stem = regex.sub(expression, " ", stem, flags=regex.IGNORECASE)
+
+    machine_folder = next(
+        (folder for folder in path.parent.parts if MACHINE_NAME.fullmatch(folder)), None
+    )
+    if machine_folder:
+        texts["specimen"] = machine_folder
+    else:
+        machine = _MACHINE_IN_FILE_NAME.search(stem)
+        if machine and machine[0] != stem.strip("_-. "):
+            texts["specimen"] = machine[0]
+            stem = stem.replace(machine[0], " ")
+
     if pattern is not None:
-        found, beside = _matched(name, pattern)
-        return parse_fact_texts({**texts, **found}, beside), found.keys()
-    parts = [word for word in re.split(r"[_\-\s.]+", words) if word and not re.search(r"\d", word)]
-    parts = parts[1:] if len(parts) > 1 and parts[0] == machine else parts
+        matched, units = _match_pattern(name, pattern)
+        return parse_fact_texts({**texts, **matched}, units), matched.keys()
+
+    label = _label_of_path(path, stem, machine_folder)
+    return parse_fact_texts({"label": label, **texts}), frozenset()
+
+
+def _label_of_path(path: Path, stem: str, machine_folder: str | None) -> str:
+    """Return the parent folder's name, or the words of the file name without a digit."""
     parent = path.parent.name
-    is_class = bool(parent) and not re.search(r"\d", parent) and parent != machine
-    return parse_fact_texts(
-        {"label": parent if is_class else "_".join(parts), **texts}
-    ), frozenset()
+    if parent and not re.search(r"\d", parent) and parent != machine_folder:
+        return parent
+
+    words = [word for word in re.split(r"[_\-\s.]+", stem) if word and not re.search(r"\d", word)]
+    if len(words) > 1 and words[0] == machine_folder:
+        words = words[1:]
+    return "_".join(words)
 
 
-def _matched(name: str, pattern: str) -> tuple[dict[str, str], dict[str, str]]:
-    """Text of each named group that was found, and the unit beside it."""
+def _match_pattern(name: str, pattern: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the text of each named group that matched, and the unit next to it."""
     try:
-        match = regex.search(pattern, name, timeout=_PATIENCE)
+        match = regex.search(pattern, name, timeout=_PATTERN_TIMEOUT_S)
     except regex.error as cause:
         raise InputError(
-            f"label_pattern {pattern!r} is not a regular expression: {cause}."
+            f"label_pattern {pattern!r} is not a regular expression: {cause}.",
+            field="label_pattern",
         ) from cause
     except TimeoutError as cause:
         raise InputError(
-            f"label_pattern {pattern!r} takes too long on {name!r}; a repetition within a repetition, such as (a+)+, "
-            "does this."
+            f"label_pattern {pattern!r} takes too long on {name!r}; a repetition within a "
+            "repetition, such as (a+)+, does this.",
+            field="label_pattern",
         ) from cause
     if match is None:
         raise DataError(
-            f"{name} does not match label_pattern {pattern!r}; correct it, or narrow include."
+            f"{name} does not match label_pattern {pattern!r}; correct it, or narrow include.",
+            field="label_pattern",
         )
-    texts = {_GROUPS.get(group, group): text for group, text in match.groupdict().items() if text}
-    beside: dict[str, str] = {}
-    for group in match.groupdict():
-        if units := _UNITS_OF.get(key := _GROUPS.get(group, group)):
-            after = regex.match(
-                rf"[ _-]?({units})(?![A-Za-z])", name[match.end(group) :], regex.IGNORECASE
-            )
-            before = regex.search(
-                rf"(?<![A-Za-z])({units})[ _-]?$", name[: match.start(group)], regex.IGNORECASE
-            )
-            if unit := after or before:
-                beside[key] = unit[1]
-    return texts, beside
+
+    texts: dict[str, str] = {}
+    units: dict[str, str] = {}
+    for group, text in match.groupdict().items():
+        key = _KEY_SYNONYMS.get(group, group)
+        if text:
+            texts[key] = text
+        if unit := _unit_around(name, match.span(group), _UNIT_PATTERNS.get(key)):
+            units[key] = unit
+    return texts, units
+
+
+def _unit_around(name: str, span: tuple[int, int], unit_pattern: str | None) -> str | None:
+    """Return the unit right after a span of a name, or right before it."""
+    if unit_pattern is None:
+        return None
+
+    start, end = span
+    following = regex.match(rf"[ _-]?({unit_pattern})(?![A-Za-z])", name[end:], regex.IGNORECASE)
+    preceding = regex.search(
+        rf"(?<![A-Za-z])({unit_pattern})[ _-]?$", name[:start], regex.IGNORECASE
+    )
+    match = following or preceding
+    return str(match[1]) if match else None
 
 
 def read_fact_table(
     folder: Path, table: Path, columns: Mapping[str, str]
 ) -> dict[str, dict[str, Any]]:
-    """Facts of each file below `folder` that a table names, by the file's path relative to it.
+    """Return the facts of each file below `folder` that a table names, by its relative path.
 
-    The files are relative to the table, to `folder` or to the current folder, or are known by a
-    name that occurs once.
+    The table's paths are relative to the table, to `folder` or to the current folder, or are a
+    file name that occurs once.
+
+    Parameters
+    ----------
+    columns : column of the table for each key of an entry.
     """
     if not table.is_file():
         raise MissingFileError(f"{table} does not exist.")
-    text = read_text(table)
-    head = text.partition("\n")[0]
-    rows = list(
-        csv.DictReader(io.StringIO(text, newline=""), delimiter=max(",;\t", key=head.count))
-    )
-    header = [name for name in rows[0] if name] if rows else []
-    columns = {_GROUPS.get(key, key): column for key, column in columns.items()}
-    mapping = {"file": "file", "label": "label", **columns}
+    rows, header = _read_rows(table)
+
+    mapping = {"file": "file", "label": "label"}
+    for key, column in columns.items():
+        mapping[_KEY_SYNONYMS.get(key, key)] = column
     for key, column in mapping.items():
         if column not in header:
             raise DataError(
                 f"{table} has no column {column!r} for {key}; it has {', '.join(header)}."
             )
-    beside = {key: unit for key, column in mapping.items() if (unit := split_unit(column)[1])}
+    file_column = mapping.pop("file")
+
+    units = {key: unit for key, column in mapping.items() if (unit := split_unit(column)[1])}
     root = folder.resolve()
-    by_name: dict[str, list[Path]] = {}
+    paths_by_name: dict[str, list[Path]] = {}
     for path in root.rglob("*"):
-        by_name.setdefault(path.name, []).append(path)
+        paths_by_name.setdefault(path.name, []).append(path)
+
     facts = {}
     for row in rows:
-        file = (row[mapping["file"]] or "").strip()
-        candidates = [(base / file).resolve() for base in (table.parent, folder, Path())]
-        alike = by_name.get(Path(file).name, [])
-        candidates += alike if len(alike) == 1 else []
-        path = next((path for path in candidates if path.is_file()), candidates[0])
+        file = (row[file_column] or "").strip()
+        path = _resolve_row_path(file, (table.parent, folder, Path()), paths_by_name)
         if file and path.is_relative_to(root):
-            cells = {
-                key: (row[column] or "").strip() for key, column in mapping.items() if key != "file"
-            }
-            facts[path.relative_to(root).as_posix()] = parse_fact_texts(cells, beside)
+            texts = {key: (row[column] or "").strip() for key, column in mapping.items()}
+            facts[path.relative_to(root).as_posix()] = parse_fact_texts(texts, units)
+
     if not facts:
+        example = rows[0][file_column] if rows else ""
         raise DataError(
-            f"{table} names no file below {folder}; its column {mapping['file']!r} holds paths relative to the table, "
-            f"to {folder} or to the current folder, such as {rows[0][mapping['file']] if rows else ''!r}."
+            f"{table} names no file below {folder}; its column {file_column!r} must hold paths "
+            f"relative to the table, to {folder} or to the current folder, not such as "
+            f"{example!r}."
         )
     return facts
 
 
+def _read_rows(table: Path) -> tuple[list[dict[str, str]], list[str]]:
+    """Return the rows of a CSV table and the names of its columns."""
+    text = read_text(table)
+    first_line = text.partition("\n")[0]
+    delimiter = max(",;\t", key=first_line.count)
+    rows = list(csv.DictReader(io.StringIO(text, newline=""), delimiter=delimiter))
+    header = [name for name in rows[0] if name] if rows else []
+    return rows, header
+
+
+def _resolve_row_path(
+    file: str, folders: tuple[Path, ...], paths_by_name: Mapping[str, list[Path]]
+) -> Path:
+    """Return the file that a row names, or its path in the first folder if there is none."""
+    candidates = [(folder / file).resolve() for folder in folders]
+    same_name = paths_by_name.get(Path(file).name, [])
+    if len(same_name) == 1:
+        candidates += same_name
+    return next((path for path in candidates if path.is_file()), candidates[0])
+
+
 def parse_header_facts(raw: RawFile) -> dict[str, Any]:
-    """Speed, pressure and oil temperature that header lines or single numbers state, where the file
-    has no facts.
+    """Return speed, pressure and oil temperature from header lines or single numbers of a file.
+
+    A file with facts of its own format has none in its header.
     """
     if raw.facts:
         return {}
+
     pairs: list[tuple[str, str]] = parse_header(raw.attributes.get("header", ""))
-    pairs += [
-        (name.rpartition(".")[2], text) for name, text in raw.attributes.items() if name != "header"
-    ]
+    for name, text in raw.attributes.items():
+        if name != "header":
+            pairs.append((name.rpartition(".")[2], text))
+    is_decimal_comma = shows_decimal_comma(pairs)
+    # The motor's speed counts last: a pump's own line is more certain.
+    pairs.sort(key=lambda pair: "motor" in pair[0].lower())
+
     texts: dict[str, str] = {}
-    is_decimal = shows_decimal_comma(pairs)
-    for name, text in sorted(
-        pairs, key=lambda pair: "motor" in pair[0].lower()
-    ):  # its speed is that of the pump, too
-        heading, unit = split_unit(name)
+    for name, text in pairs:
         quantity = re.fullmatch(rf"({_NUMBER})\s*[;\t]?\s*(.*?)[;\s]*", str(text))
-        if quantity and GROUPED.fullmatch(quantity[1]) and not is_decimal:
-            continue  # 1,480 rpm
-        for key, expression in _IN_HEADERS.items():
-            match = re.search(expression, heading, re.IGNORECASE)
-            if quantity is None or key in texts or match is None:
+        if quantity is None:
+            continue
+        if GROUPED.fullmatch(quantity[1]) and not is_decimal_comma:
+            continue  # 1,480 rpm may be 1480 or 1.48
+        for key in _HEADING_PATTERNS:
+            if key in texts:
                 continue
-            if re.search(
-                r"nominal|nenn|rated|set[ _-]?point|soll|max|limit", heading, re.IGNORECASE
-            ):
-                continue
-            suffix = re.search(r"(rpm|hz|bar|mpa|kpa|psi)$", heading, re.IGNORECASE)
-            is_bare = not (quantity[2] or unit or suffix or "rpm" in match[0].lower())
-            if is_bare and _OTHER_THING.search(heading[match.end() :]):
-                continue
-            texts[key] = (
-                f"{quantity[1]} {quantity[2] or unit or (suffix[1] if suffix else '')}".strip()
-            )
+            parsed = _parse_heading(key, name, quantity[1], quantity[2])
+            if parsed is not None:
+                texts[key] = parsed
+
     facts = parse_fact_texts(texts)
-    return {
-        key: text
-        for key, text in facts.items()
-        if (key in PRESSURES and re.fullmatch(_NUMBER, text))
-        or (
-            is_positive_quantity(text, key)
-            and not (key == "pressure" and parse_quantity(text, "Pa") < _LEAST_PRESSURE)
-        )
-    }
+    return {key: text for key, text in facts.items() if _is_plausible(key, text)}
+
+
+def _parse_heading(key: str, name: str, number: str, unit: str) -> str | None:
+    """Return number and unit if a heading names a quantity, or None."""
+    heading, heading_unit = split_unit(name)
+    match = re.search(_HEADING_PATTERNS[key], heading, re.IGNORECASE)
+    if match is None or _LIMIT_HEADING.search(heading):
+        return None
+
+    suffix = _HEADING_UNIT.search(heading)
+    has_unit = bool(unit or heading_unit or suffix or "rpm" in match[0].lower())
+    if not has_unit and _FURTHER_NOUN.search(heading[match.end() :]):
+        return None
+    return f"{number} {unit or heading_unit or (suffix[1] if suffix else '')}".strip()
+
+
+def _is_plausible(key: str, text: str) -> bool:
+    if key in PRESSURES and re.fullmatch(_NUMBER, text):
+        return True  # its unit is still unknown
+    if not is_positive_quantity(text, key):
+        return False
+    return key != "pressure" or parse_quantity(text, "Pa") >= _MIN_PRESSURE_PA
 
 
 def describe_contradictions(entry: Entry, header: Mapping[str, str]) -> str:
-    """In what an entry differs by more than 3 % from the header of its file, in words; empty where
-    in nothing.
+    """Return in what an entry differs by more than 3 % from the header of its file.
+
+    The text is empty if nothing differs.
     """
-    stated = {key: getattr(entry, key) for key in header}
-    return "; ".join(
-        f"{key} = {stated[key]} is stated and counts, and the file says {text}"
-        for key, text in header.items()
-        if is_positive_quantity(stated[key], key)
-        and not math.isclose(
-            *(parse_quantity(each, QUANTITIES[key]) for each in (stated[key], text)), rel_tol=0.03
-        )
-    )
+    sentences = []
+    for key, text in header.items():
+        specified = getattr(entry, key)
+        if not is_positive_quantity(specified, key):
+            continue
+        unit = QUANTITIES[key]
+        value = parse_quantity(specified, unit)
+        header_value = parse_quantity(text, unit)
+        if not math.isclose(value, header_value, rel_tol=_MAX_CONTRADICTION):
+            sentences.append(f"{key} = {specified} is specified and counts, the file states {text}")
+    return "; ".join(sentences)
 
 
 def is_positive_quantity(text: object, key: str) -> bool:
-    """Whether a text is a quantity above zero that an entry may state under a key."""
+    """Return whether a text is a quantity above zero that an entry may hold under a key."""
     try:
         return parse_quantity(text, QUANTITIES[key]) > 0
     except UnitError:
@@ -251,100 +333,39 @@ def is_positive_quantity(text: object, key: str) -> bool:
 
 
 def parse_fact_texts(
-    texts: Mapping[str, str], beside: Mapping[str, str] | None = None
+    texts: Mapping[str, str], units: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
-    """Entry keys and attributes; a bare number takes the unit `beside` it, or the usual one of its
-    key.
+    """Return texts as keys and attributes of an entry.
 
-    A pressure has no usual unit, so its number stays bare.
+    A bare number gets the unit of `units`, or the default one of its key. A pressure has no default
+    unit, so its number stays bare.
     """
+    units = {**_DEFAULT_UNITS, **(units or {})}
     facts: dict[str, Any] = {}
     attributes: dict[str, str] = {}
     for key, text in texts.items():
         if not text:
             continue
-        if key == "channels":
-            facts[key] = [part.strip() for part in text.split(";" if ";" in text else None)]
-        elif key in QUANTITIES and (match := re.fullmatch(rf"({_NUMBER})\s*(.*)", text)):
-            unit = match[2] or (beside or {}).get(key) or _BARE_UNITS.get(key, "")
-            facts[key] = (
-                f"{match[1].replace(',', '.')} {normalize_unit(unit.replace('_', '/'))}".strip()
-            )
+        quantity = re.fullmatch(rf"({_NUMBER})\s*(.*)", text) if key in QUANTITIES else None
+        if quantity:
+            unit = quantity[2] or units.get(key, "")
+            number = quantity[1].replace(",", ".")
+            facts[key] = f"{number} {normalize_unit(unit.replace('_', '/'))}".strip()
+        elif key == "channels":
+            separator = ";" if ";" in text else None
+            facts[key] = [part.strip() for part in text.split(separator)]
+        elif key == "label":
+            facts[key] = text.strip("_-. ")
         elif key in _ENTRY_KEYS:
-            facts[key] = text.strip("_-. ") if key == "label" else text
+            facts[key] = text
         else:
             attributes[key] = text
-    return facts | ({"attributes": attributes} if attributes else {})
+
+    if attributes:
+        facts["attributes"] = attributes
+    return facts
 
 
 def pressures_without_unit(facts: Mapping[str, Any]) -> list[str]:
-    """Keys of pressures without a unit."""
+    """Return the keys of pressures without a unit."""
     return [key for key in PRESSURES if re.fullmatch(_NUMBER, str(facts.get(key, "")))]
-
-
-_NUMBERED = r"(?:[ _-]?\d{1,9}|(?:[ _-]|(?<=[a-z]))[A-Z]\d{0,3})"
-_MACHINE = re.compile(
-    rf"(?i:pumpe?|machine|maschine|unit|sn|serial|nr|no)(?:{_NUMBERED}|[ _-][a-z])|[A-Z]\d{{0,3}}"
-)
-"""Names of folders, and words of classes, that stand for a machine."""
-_MACHINE_IN_NAME = re.compile(
-    rf"(?<![^\W_])(?i:pumpe?|machine|maschine|unit|sn|serial){_NUMBERED}(?![^\W_])"
-)
-"""The same in the name of a file, where a number alone may be that of the measurement."""
-
-
-def move_machines_out_of_labels(entries: Iterable[dict[str, Any]]) -> list[str]:
-    """Move the machine that begins each class, as ``A_normal`` and ``A_piston``, to the specimen;
-    and say so.
-    """
-    labeled = [entry for entry in entries if "label" in entry and "specimen" not in entry]
-    pairs = [str(entry["label"]).partition("_") for entry in labeled]
-    are_machines = all(rest and _MACHINE.fullmatch(first) for first, _, rest in pairs)
-    if len(pairs) < 2 or not are_machines or not any(is_healthy(rest) for _, _, rest in pairs):
-        return []
-    for entry, (first, _, rest) in zip(labeled, pairs, strict=True):
-        entry |= {"specimen": first, "label": rest}
-    firsts = ", ".join(sorted({first for first, _, _ in pairs}))
-    return [
-        f"the classes begin with {firsts}, taken for the machine (specimen); correct the index if it is not."
-    ]
-
-
-def find_single_label(entries: Iterable[Mapping[str, Any]]) -> str | None:
-    """The class of all of several files, where it is one and not that of a healthy pump."""
-    labels = [entry.get("label") for entry in entries]
-    return (
-        str(labels[0])
-        if len(labels) > 1 and len({*labels}) == 1 and not is_healthy(labels[0])
-        else None
-    )
-
-
-def label_hints(entries: Iterable[Mapping[str, Any]]) -> list[str]:
-    """What looks odd about the labels: one for all files, and a first word that may be a
-    machine.
-    """
-    labeled = [entry for entry in entries if "label" in entry]
-    hints = []
-    if only := find_single_label(labeled):
-        hints.append(
-            f"every file is of the class {only!r}: is that a class? --label-pattern says how paths state it."
-        )
-    pairs = sorted({str(entry["label"]).partition("_") for entry in labeled})
-    firsts = sorted({first for first, _, _ in pairs})
-    whole = len(pairs) > 1 and all(rest for _, _, rest in pairs)
-    if whole and (len(firsts) == 1 or any(is_healthy(rest) for _, _, rest in pairs)):
-        pattern = (
-            rf"(?P<specimen>{'|'.join(map(re.escape, firsts))})[^a-zA-Z]+(?P<label>[a-zA-Z_]+)"
-        )
-        matches = [
-            (re.search(pattern, entry["file"]), str(entry["label"]).partition("_")[2])
-            for entry in labeled
-        ]
-        is_fit = all(match and match["label"].strip("_") == rest for match, rest in matches)
-        way = f"--label-pattern '{pattern}' --force" if is_fit else "--label-pattern"
-        words = ", ".join(firsts[:4])
-        hints.append(
-            f"all classes begin with {words}: if that is a machine, take it out of the class with {way}."
-        )
-    return hints

@@ -4,6 +4,7 @@ import hashlib
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, NoReturn
 
@@ -12,34 +13,33 @@ from jaxtyping import Float
 
 from swashtwin.foundation import DataError, InputError, plain_text
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings.formats.columns import BLOCK_SAMPLES
+from swashtwin.recordings.columns import BLOCK_SAMPLES
 from swashtwin.recordings.samples import Samples
 
-_OF_SAMPLES: Any = object()
-"""Stands for the speed that the samples have."""
+_SPEED_OF_SAMPLES: Any = object()
+"""Default of the argument `speed`: None would remove the speed that the samples have."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Recording:
-    """Signals that were sampled together, without a gap, at one operating condition.
+    """Signals that were sampled together, without a gap, at one operating point.
 
     A recording is whole in training or in test: windows carry its `recording_id`, and no split
-    parts it. One that was loaded from a file reads its samples when they are asked for: `signal`
-    reads them all and keeps them, `slice` and `blocks` read a part. The facts are there without
-    reading.
+    parts it. One that was loaded from a file reads its samples on demand: `signal` reads them all
+    and keeps them, `slice` and `blocks` read a part. The facts need no reading.
 
     Parameters
     ----------
     signal : samples (channel, time) in `unit`.
     sample_rate, recording_id, channels, unit, label, condition, specimen, synthetic, attributes :
-    as described below.
-    speed : angular speed of the shaft at each sample [rad/s], or None where it did not change or
-        was not measured.
+        as described below.
+    speed : angular speed of the shaft at each sample [rad/s], or None if it was constant or not
+        measured.
 
     Raises
     ------
     DataError
-        The arrays have another shape, a name is missing, or the sample rate or a speed cannot be.
+        The arrays have another shape, a name is missing, or the sample rate or a speed is invalid.
 
     Examples
     --------
@@ -52,25 +52,24 @@ class Recording:
     recording_id: str
     """Unique name within a data set."""
     channels: tuple[str, ...]
-    """Name of each channel, in the order of `signal`; names and labels are in one Unicode form
-    (`plain_text`).
+    """Name of each channel, in the order of `signal`.
+
+    Names and labels are in one Unicode form (`plain_text`).
     """
     unit: str
     """Unit of every channel; readers convert acceleration to m/s^2 and leave other units alone."""
     label: str | None
-    """Class of the pump's condition, or None where it is not known."""
+    """Class of the pump's condition, or None if it is unknown."""
     condition: OperatingCondition | None
-    """Operating condition, or None where it is not known; the mean where `speed` says that it
-    changed.
-    """
+    """Operating point, or None if it is unknown; the mean if `speed` varies."""
     specimen: str | None
-    """Which physical machine (or which machined fault) was measured; splits by specimen use it."""
+    """Physical machine, or machined fault, that was measured; splits by specimen use it."""
     synthetic: bool
     """Whether a model made it. A synthetic recording never enters a test set."""
     attributes: Mapping[str, str]
     """Further facts from the file or the index (source file, sensor, date)."""
     samples: Samples
-    """Where the samples are: in memory, or in a file; `signal`, `slice` and `blocks` give them."""
+    """Samples in memory or in a file; `signal`, `slice` and `blocks` return them."""
 
     def __init__(
         self,
@@ -81,88 +80,67 @@ class Recording:
         unit: str = "m/s^2",
         label: str | None = None,
         condition: OperatingCondition | None = None,
-        speed: Float[np.ndarray, " time"] | None = _OF_SAMPLES,
+        speed: Float[np.ndarray, " time"] | None = _SPEED_OF_SAMPLES,
         specimen: str | None = None,
         synthetic: bool = False,
         attributes: Mapping[str, str] | None = None,
         samples: Samples | None = None,
     ) -> None:
-        if signal is None and samples is not None and speed is not _OF_SAMPLES:
-            signal = samples.signal
         if (samples is None and signal is None) or not recording_id:
             raise InputError(
-                "a recording needs a signal (channel, time), a sample_rate in Hz and a recording_id."
+                "A recording needs a signal (channel, time), a sample_rate in Hz and a "
+                "recording_id."
             )
-        kinds: dict[str, tuple[object, type, str]] = {
-            "label": (label, str, "text"),
-            "specimen": (specimen, str, "text"),
-            "recording_id": (recording_id, str, "text"),
-            "condition": (condition, OperatingCondition, "an OperatingCondition"),
-        }
-        for name, (value, kind, word) in kinds.items():
-            if value is not None and not isinstance(value, kind):
-                raise InputError(f"{recording_id}: {name} ({value!r}) must be {word}.")
-        if not (
-            isinstance(sample_rate, (int, float, np.number))
-            and np.isfinite(sample_rate)
-            and sample_rate > 0
-        ):
-            raise DataError(
-                f"{recording_id}: sample_rate ({sample_rate!r} Hz) must be a positive number."
-            )
+        _require_types(recording_id, label, specimen, condition)
+        _require_sample_rate(recording_id, sample_rate)
+
+        samples = _combine_samples(recording_id, signal, speed, samples)
         channels = (channels,) if isinstance(channels, str) else channels
-        if signal is not None:
-            signal = _own_samples(signal, recording_id)
-            if speed is _OF_SAMPLES:
-                speed = None if samples is None else samples.speed
-            speed = None if speed is None else np.asarray(speed, dtype=np.float64)
-            origin = samples if samples is not None and samples.name == recording_id else None
-            samples = Samples.in_memory(recording_id, signal, speed, origin=origin)
-        assert samples is not None
-        facts = {
-            "sample_rate": sample_rate,
-            "recording_id": recording_id,
-            "channels": tuple(plain_text(name) for name in channels),
-            "unit": unit,
-            "label": None if label is None else plain_text(label) or None,
-            "condition": condition,
-            "specimen": None if specimen is None else plain_text(specimen) or None,
-            "synthetic": synthetic,
-            "attributes": {} if attributes is None else attributes,
-            "samples": samples,
-        }
-        for name, value in facts.items():
-            object.__setattr__(self, name, value)
         if len(channels) != samples.shape[0]:
             raise DataError(
                 f"{recording_id}: {len(channels)} channel names for {samples.shape[0]} channels."
             )
 
+        facts = {
+            "sample_rate": sample_rate,
+            "recording_id": recording_id,
+            "channels": tuple(plain_text(name) for name in channels),
+            "unit": unit,
+            "label": plain_text(label or "") or None,
+            "condition": condition,
+            "specimen": plain_text(specimen or "") or None,
+            "synthetic": synthetic,
+            "attributes": {} if attributes is None else attributes,
+            "samples": samples,
+        }
+        for name, value in facts.items():
+            object.__setattr__(self, name, value)  # the dataclass is frozen
+
     def __iter__(self) -> NoReturn:
-        """Refused: a function of several recordings was given one."""
+        """Refuse: a function of several recordings was called with one."""
         raise InputError(
-            f"{self.recording_id} is one recording where several are expected; give a list of it."
+            f"{self.recording_id} is one recording, but several are expected; pass a list of it."
         )
 
     def __repr__(self) -> str:
-        """Short text: name, class, channels and length."""
-        channels = f"{self.n_channels} channel{'s' * (self.n_channels != 1)}"
+        """Return a short text: name, class, channels and length."""
+        plural_s = "" if self.n_channels == 1 else "s"
         return (
-            f"Recording({self.recording_id!r}: {self.label or 'no label'}, {channels} at {self.sample_rate:g} Hz, "
+            f"Recording({self.recording_id!r}: {self.label or 'no label'}, "
+            f"{self.n_channels} channel{plural_s} at {self.sample_rate:g} Hz, "
             f"{self.duration:.4g} s)"
         )
 
     @property
     def signal(self) -> Float[np.ndarray, "channel time"]:
-        """Samples in `unit`, float64, which are read when first asked for and then stay in
-        memory.
-        """
+        """Samples in `unit`, float64, which are read on first use and then stay in memory."""
         return self.samples.signal
 
     @property
     def speed(self) -> Float[np.ndarray, " time"] | None:
-        """Angular speed of the shaft at each sample [rad/s], or None where it did not change or was
-        not measured.
+        """Angular speed of the shaft at each sample [rad/s].
+
+        None if it was constant or not measured.
         """
         return self.samples.speed
 
@@ -192,28 +170,32 @@ class Recording:
         return self.samples.has_speed
 
     def slice(self, start: int, stop: int) -> "Recording":
-        """The recording from sample `start` to before sample `stop`, in memory.
+        """Return the recording from sample `start` to before sample `stop`, in memory.
 
         Raises
         ------
         InputError
-            There are no such samples.
+            The recording has no such samples.
         DataError
             The file is damaged there, or was changed after it was opened.
         """
-        signal, speed = self.samples.signal_part(start, stop), self.samples.speed_part(start, stop)
-        return self.replace(
-            samples=Samples.in_memory(self.recording_id, signal, speed, origin=self.samples)
+        samples = Samples.in_memory(
+            self.recording_id,
+            self.samples.signal_part(start, stop),
+            self.samples.speed_part(start, stop),
+            origin=self.samples,
         )
+        return self.replace(samples=samples)
 
     def blocks(self) -> "Iterator[Recording]":
-        """The recording in parts of `BLOCK_SAMPLES` samples, which follow each other without a gap."""
+        """Yield the recording in consecutive parts of `BLOCK_SAMPLES` samples."""
         for start in range(0, self.n_samples, BLOCK_SAMPLES):
             yield self.slice(start, start + BLOCK_SAMPLES)
 
     def replace(self, **changes: Any) -> "Recording":
-        """The same recording with some facts, its signal or its speed changed; samples in a file
-        are not read for it.
+        """Return the same recording with some facts, its signal or its speed changed.
+
+        Samples in a file are not read for it.
 
         Examples
         --------
@@ -223,93 +205,176 @@ class Recording:
         return replace(self, **changes)
 
     def select_channels(self, channels: Sequence[str]) -> "Recording":
-        """The same measurement with only `channels`, in that order."""
-        missing = [name for name in channels if name not in self.channels]
-        if missing:
-            raise InputError(
-                f"{self.recording_id} has no channel {missing[0]!r}; it has {', '.join(self.channels)}."
-            )
+        """Return the same measurement with only `channels`, in that order."""
+        for name in channels:
+            if name not in self.channels:
+                raise InputError(
+                    f"{self.recording_id} has no channel {name!r}; it has "
+                    f"{', '.join(self.channels)}."
+                )
+
         rows = [self.channels.index(name) for name in channels]
-        return self.replace(samples=self.samples.pick(rows), channels=tuple(channels))
+        return self.replace(samples=self.samples.select(rows), channels=tuple(channels))
 
     def unloaded(self) -> "Recording":
-        """The same recording with nothing of its file in memory; itself where it was not read from
-        a file.
+        """Return the same recording with nothing of its file in memory.
+
+        Itself if it was not read from a file.
         """
-        return self.replace(samples=self.samples.unopened())
+        samples = self.samples.unopened()
+        return self if samples is self.samples else self.replace(samples=samples)
+
+    @contextmanager
+    def loaded(self, max_values: float = math.inf) -> "Iterator[Recording]":
+        """Hold all samples in memory within the block, so that its steps read the file once.
+
+        Afterwards they are forgotten, unless they were in memory before.
+
+        Parameters
+        ----------
+        max_values : samples of all channels above which the recording stays in its file.
+        """
+        was_loaded = self.samples.is_loaded
+        if self.n_channels * self.n_samples <= max_values:
+            self.samples.signal  # noqa: B018 - reads
+        try:
+            yield self
+        finally:
+            if not was_loaded:
+                self.samples.release()
 
     def content_hashes(self) -> tuple[str, ...]:
-        """What was recorded, whatever the file is called: a hash of each channel
-        (`Samples.content_hashes`).
+        """Return a hash of each channel, whatever the file is called (`Samples.content_hashes`).
 
         Two recordings with a hash in common hold the same measurement. A copy under another name,
-        in another format or at another rate of ``resample`` is noticed; a `fingerprint` tells one
-        that was cut, filtered or scaled.
+        in another format or at another rate of ``resample`` has the same hashes; one that was cut,
+        filtered or scaled is detected by its `fingerprints` instead.
         """
         return tuple(digest for digest in self.samples.content_hashes() if digest)
 
     def fingerprint(self) -> str:
-        """SHA-256 of the samples, the sample rate, the channels and the unit, hexadecimal; no other
-        fact counts.
+        """Return the SHA-256 of samples, sample rate, channels and unit, hexadecimal.
+
+        No other fact counts.
         """
-        digest = hashlib.sha256(
-            repr((float(self.sample_rate), self.channels, self.unit, self.signal.shape)).encode()
-        )
-        digest.update(np.ascontiguousarray(self.signal, dtype="<f8").tobytes())
+        signal = self.signal
+        facts = (float(self.sample_rate), self.channels, self.unit, signal.shape)
+        digest = hashlib.sha256(repr(facts).encode())
+        digest.update(np.ascontiguousarray(signal, dtype="<f8").tobytes())
         return digest.hexdigest()
 
 
-def _own_samples(signal: np.ndarray, name: str) -> np.ndarray:
-    """Samples of its own for a recording, real numbers, NaN where they are masked; a caller may
-    change the array.
-    """
-    samples = np.asarray(signal)
-    if samples.dtype.kind not in "fiub":
+def _require_types(
+    recording_id: object, label: object, specimen: object, condition: object
+) -> None:
+    expected_types: tuple[tuple[str, object, type, str], ...] = (
+        ("label", label, str, "text"),
+        ("specimen", specimen, str, "text"),
+        ("recording_id", recording_id, str, "text"),
+        ("condition", condition, OperatingCondition, "an OperatingCondition"),
+    )
+    for name, value, expected_type, type_name in expected_types:
+        if value is not None and not isinstance(value, expected_type):
+            raise InputError(f"{recording_id}: {name} ({value!r}) must be {type_name}.")
+
+
+def _require_sample_rate(recording_id: str, sample_rate: object) -> None:
+    is_number = isinstance(sample_rate, (int, float, np.number))
+    if not (is_number and np.isfinite(sample_rate) and sample_rate > 0):  # type: ignore[call-overload, operator]
         raise DataError(
-            f"{name}: signal holds {samples.dtype} values; a recording holds real numbers."
+            f"{recording_id}: sample_rate ({sample_rate!r} Hz) must be a positive number."
         )
-    kind = samples.dtype if samples.dtype in (np.float32, np.float64) else np.dtype(np.float64)
-    return np.array(np.ma.filled(np.ma.asarray(signal, kind), np.nan), dtype=kind)
+
+
+def _combine_samples(
+    recording_id: str,
+    signal: np.ndarray | None,
+    speed: np.ndarray | None,
+    samples: Samples | None,
+) -> Samples:
+    """Return the samples of a recording from the arguments of its constructor.
+
+    `signal` and `speed` replace those of `samples`, and then keep their content hashes: the
+    measurement is the same.
+    """
+    has_new_speed = speed is not _SPEED_OF_SAMPLES
+    if signal is None:
+        assert samples is not None
+        if not has_new_speed:
+            return samples
+        signal = samples.signal
+
+    signal = _copy_signal(signal, recording_id)
+    if not has_new_speed:
+        speed = None if samples is None else samples.speed
+    if speed is not None:
+        speed = np.asarray(speed, dtype=np.float64)
+
+    is_same_measurement = samples is not None and samples.name == recording_id
+    origin = samples if is_same_measurement else None
+    return Samples.in_memory(recording_id, signal, speed, origin=origin)
+
+
+def _copy_signal(signal: np.ndarray, recording_id: str) -> np.ndarray:
+    """Return a copy of a signal as real numbers, NaN where it is masked.
+
+    A copy, because a caller may change its array afterwards.
+    """
+    values = np.asarray(signal)
+    if values.dtype.kind not in "fiub":
+        raise DataError(
+            f"{recording_id}: signal holds {values.dtype} values; a recording holds real numbers."
+        )
+
+    is_float = values.dtype in (np.float32, np.float64)
+    dtype = values.dtype if is_float else np.dtype(np.float64)
+    return np.array(np.ma.filled(np.ma.asarray(signal, dtype), np.nan), dtype=dtype)
 
 
 def join_blocks(blocks: Iterable[Recording]) -> Recording:
-    """One recording of blocks that follow each other without a gap; the first one's facts hold for
-    all.
+    """Return one recording of consecutive blocks, with the facts of the first.
 
     Raises
     ------
     DataError
-        There is no block, or one differs from the first in channels, sample rate, id, or in whether
-        it has a speed.
+        There is no block, or one differs from the first in channels, sample rate, id, unit, or in
+        whether it has a speed.
     """
     blocks = list(blocks)
     if not blocks:
-        raise DataError("no block to make a recording of.")
+        raise DataError("There is no block to join into a recording.")
+    first = blocks[0]
     for block in blocks[1:]:
-        require_same_facts(blocks[0], block)
-    speeds = [block.speed for block in blocks if block.speed is not None]
+        require_same_facts(first, block)
+
     signal = np.concatenate([block.signal for block in blocks], axis=1)
-    name, speed = blocks[0].recording_id, np.concatenate(speeds) if speeds else None
-    return blocks[0].replace(samples=Samples.in_memory(name, signal, speed))
+    speeds = [block.speed for block in blocks if block.speed is not None]
+    speed = np.concatenate(speeds) if speeds else None
+    return first.replace(samples=Samples.in_memory(first.recording_id, signal, speed))
 
 
 def require_same_facts(first: Recording, block: Recording) -> None:
     """Refuse a block that cannot continue `first`."""
     for name in ("recording_id", "channels", "sample_rate", "unit"):
-        if getattr(block, name) != getattr(first, name):
+        expected = getattr(first, name)
+        value = getattr(block, name)
+        if value != expected:
             raise DataError(
-                f"{first.recording_id}: a block has {name} {getattr(block, name)!r}, the first one "
-                f"{getattr(first, name)!r}."
+                f"{first.recording_id}: a block has {name} {value!r}, the first one {expected!r}."
             )
     if block.has_speed != first.has_speed:
-        raise DataError(f"{first.recording_id}: some blocks have a speed and some have none.")
+        raise DataError(f"{first.recording_id}: only some blocks have a speed.")
 
 
-def require_unique_ids(ids: Iterable[str], where: str) -> None:
-    """Refuse recordings of which two have one id."""
-    counts = Counter(ids)
-    for name, count in counts.items():
+def require_unique_ids(ids: Iterable[str], collection: str) -> None:
+    """Refuse recordings of which two have the same id.
+
+    Parameters
+    ----------
+    collection : what they are part of, for the message, such as ``"a data set"``.
+    """
+    for name, count in Counter(ids).items():
         if count > 1:
             raise InputError(
-                f"two recordings have the id {name!r}; ids must be unique within {where}."
+                f"Two recordings have the id {name!r}; ids must be unique within {collection}."
             )

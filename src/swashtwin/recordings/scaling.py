@@ -1,4 +1,4 @@
-"""Units of channels, and what a stated sensitivity makes of their numbers."""
+"""Units of channels, and the factors that a sensitivity gives their numbers."""
 
 import re
 from collections.abc import Sequence
@@ -14,77 +14,94 @@ from swashtwin.recordings.formats.sample_units import (
 )
 
 _OTHER_QUANTITY = re.compile(
-    r"(?:^|[^a-z])(?:temp|temperatur|temperature|druck|pressure|drehzahl|rpm|speed|flow|durchfluss|torque|drehmoment|"
-    r"case[ _-]?drain|leck(?:öl)?)(?:[^a-z]|$)",
+    r"(?:^|[^a-z])(?:temp|temperatur|temperature|druck|pressure|drehzahl|rpm|speed|flow|durchfluss|"
+    r"torque|drehmoment|case[ _-]?drain|leck(?:öl)?)(?:[^a-z]|$)",
     re.IGNORECASE,
 )
-"""Names of channels that are no vibration; a tachometer stays, for the commands that follow it."""
+"""Names of channels that are not vibration, in English and German.
+
+A tachometer is not among them, because commands follow it.
+"""
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_BARE_NUMBER = re.compile(r"[\d.eE+-]+")
 _COUNT = r"(?i:counts?|cts?|lsb|digits?|bits?|fs|full[ _-]?scale)"
 _ELECTRIC = r"[nmuµμ]?V|[pn]C|[muµμ]?A"
-_FORMS = '"99.7 mV/g" for channels in volts, "0.488 mg/count" or "0.1 g" for one unit of the file'
+_SENSED_UNIT = re.compile(rf"{_ELECTRIC}|1|{_COUNT}")
+"""Units of numbers that a sensitivity scales."""
+_SENSITIVITY_FORMS = (
+    '"99.7 mV/g" for channels in volts, "0.488 mg/count" or "0.1 g" for one unit of the file'
+)
+_FULL_SCALE_REMEDY = (
+    "Set {sensitivity='50 m/s^2'} (value of full scale), or {unit='1'} if it is unknown."
+)
 
 
 class _Sensitivity(NamedTuple):
-    """Quantity that stands for one `per`."""
+    """Quantity for one electrical unit, or for one unit of the numbers in the file."""
 
     factor: float
     unit: str
     per: str | None
-    """Electrical unit that a channel must be in, or None for one unit of the numbers in the
-    file.
-    """
+    """Electrical unit that a channel must be in, or None for one unit of the file's numbers."""
     text: str
-    """As it is stated."""
+    """Text that it was parsed from."""
 
     @classmethod
-    def read(cls, text: str, where: str) -> "_Sensitivity":
+    def parse(cls, text: str, place: str) -> "_Sensitivity":
+        """Return the sensitivity of a text such as ``"99.7 mV/g"``."""
         match = _NUMBER.fullmatch(text)
-        number, unit = (float(match[1]), match[2]) if match else (0.0, "")
-        per, factor = None, number
-        if parts := re.fullmatch(rf"(.*?)\s*/\s*{_COUNT}", unit):
-            unit = parts[1]
-        elif number and (parts := re.fullmatch(rf"{_COUNT}\s*/\s*\(?(.+?)\)?", unit)):
-            unit, factor = parts[1], 1 / number
-        elif number and (parts := re.fullmatch(rf"({_ELECTRIC})\s*/\s*\(?(.+?)\)?", unit)):
-            unit, per, factor = parts[2], normalize_unit(parts[1]), 1 / number
-        elif parts := re.fullmatch(rf"\(?(.+?)\)?\s*/\s*({_ELECTRIC})", unit):
-            unit, per = parts[1], normalize_unit(parts[2])
-        try:
-            require_sample_unit(unit or "1")
-        except UnitError:
-            number = 0.0
-        if not number:
-            raise UnitError(
-                f"{where}: sensitivity = {text!r} must be a number with its unit: {_FORMS}."
-            )
-        return cls(factor, normalize_unit(unit or "1"), per, text)
+        number = float(match[1]) if match else 0.0
+        unit = match[2] if match else ""
+        if number:
+            factor, unit, per = _parse_sensitivity_unit(number, unit)
+            if _is_sample_unit(unit or "1"):
+                return cls(factor, normalize_unit(unit or "1"), per, text)
 
-    def of(self, unit: str) -> float | None:
-        """Quantity that stands for one `unit` of a channel, or None where the channel is no such
-        signal.
-        """
-        kind = str(self.per)[-1]  # V, A or C
+        raise UnitError(
+            f"{place}: sensitivity ({text}) must be a number with its unit: {_SENSITIVITY_FORMS}.",
+            field="sensitivity",
+        )
+
+    def value_of(self, unit: str) -> float | None:
+        """Return the quantity for one `unit` of a channel, or None for another kind of signal."""
+        dimension = str(self.per)[-1]  # V, A or C
         try:
-            return (
-                self.factor
-                * parse_quantity(f"1 {unit}", kind)
-                / parse_quantity(f"1 {self.per}", kind)
-            )
+            channel_unit = parse_quantity(f"1 {unit}", dimension)
+            return self.factor * channel_unit / parse_quantity(f"1 {self.per}", dimension)
         except UnitError:
             return None
 
 
+def _parse_sensitivity_unit(number: float, unit: str) -> tuple[float, str, str | None]:
+    """Return factor, unit, and the electrical unit that both are for."""
+    if match := re.fullmatch(rf"(.*?)\s*/\s*{_COUNT}", unit):  # 0.488 mg/count
+        return number, match[1], None
+    if match := re.fullmatch(rf"{_COUNT}\s*/\s*\(?(.+?)\)?", unit):  # 256 LSB/g
+        return 1 / number, match[1], None
+    if match := re.fullmatch(rf"({_ELECTRIC})\s*/\s*\(?(.+?)\)?", unit):  # 99.7 mV/g
+        return 1 / number, match[2], normalize_unit(match[1])
+    if match := re.fullmatch(rf"\(?(.+?)\)?\s*/\s*({_ELECTRIC})", unit):  # 10 g/V
+        return number, match[1], normalize_unit(match[2])
+    return number, unit, None
+
+
+def _is_sample_unit(unit: str) -> bool:
+    try:
+        require_sample_unit(unit)
+    except UnitError:
+        return False
+    return True
+
+
 def resolve_scaling(
-    raw: RawFile, options: ReadOptions, chosen: Sequence[str], where: str
+    raw: RawFile, options: ReadOptions, channels: Sequence[str], place: str
 ) -> tuple[list[float], str]:
-    """Factor of each channel and the unit that comes out: m/s^2 for accelerations, the unit itself
-    otherwise.
+    """Return the factor of each channel and the resulting unit: m/s^2 for accelerations.
 
     Parameters
     ----------
-    chosen : channels, by their names in the file.
-    where : how messages call the file.
+    channels : names of the channels in the file.
+    place : name of the file in messages.
 
     Raises
     ------
@@ -92,179 +109,261 @@ def resolve_scaling(
         A unit is missing or contradicts the file, a sensitivity does not fit, or the channels have
         several units.
     UnitError
-        A unit or a sensitivity is none.
+        A unit or a sensitivity is invalid.
     """
     if raw.full_scale and options.sensitivity is None and options.unit != "1":
         raise DataError(
-            f'{where} holds integers without a scale; add sensitivity = "50 m/s^2" (what full scale stands for), or '
-            'unit = "1" where nobody knows.'
+            f"{place} holds integers without a scale.",
+            field="sensitivity",
+            remedy=_FULL_SCALE_REMEDY,
         )
-    sensitivities = _sensitivities(raw, options, chosen, where)
-    pairs = [_scale_of(raw, options, name, sensitivities.get(name), where) for name in chosen]
+
+    sensitivities = _resolve_sensitivities(raw, options, channels, place)
     factors: list[float] = []
-    names: dict[str, list[str]] = {}
-    for (number, unit), name in zip(pairs, chosen, strict=True):
+    names_by_unit: dict[str, list[str]] = {}
+    for name in channels:
+        number, unit = _scale_channel(raw, options, name, sensitivities.get(name), place)
         factor = acceleration_factor(unit)
-        factors.append(number * (1.0 if factor is None else factor))
-        names.setdefault(unit if factor is None else "m/s^2", []).append(name)
-    if len(names) > 1:
-        listed = "; ".join(f"{unit}: {', '.join(names[unit])}" for unit in sorted(names))
-        raise DataError(
-            f"{where}: the channels have different units ({listed}); name those of one unit with channels = [...]."
+        if factor is not None:
+            number *= factor
+            unit = "m/s^2"
+        factors.append(number)
+        names_by_unit.setdefault(unit, []).append(name)
+
+    if len(names_by_unit) > 1:
+        listed = "; ".join(
+            f"{unit}: {', '.join(names_by_unit[unit])}" for unit in sorted(names_by_unit)
         )
-    return factors, next(iter(names))
+        raise DataError(
+            f"{place}: the channels have different units ({listed}).",
+            field="channels",
+            remedy="Select those of one unit with {channels}.",
+        )
+    return factors, next(iter(names_by_unit))
 
 
-def _scale_of(
-    raw: RawFile, options: ReadOptions, name: str, sensitivity: _Sensitivity | None, where: str
+def _scale_channel(
+    raw: RawFile, options: ReadOptions, name: str, sensitivity: _Sensitivity | None, place: str
 ) -> tuple[float, str]:
-    """Quantity that one unit of a channel's numbers stands for: a factor and its unit."""
-    in_file = raw.units.get(name, raw.facts.get("unit"))
+    """Return the quantity for one unit of a channel's numbers: a factor and its unit."""
     if sensitivity is None:
         if name in raw.sensitivities and name not in raw.units and options.unit is None:
             raise DataError(
-                f"{where} states the sensitivity {raw.sensitivities[name]} of {name!r} and not its unit; add unit = "
-                '"V" or "mV", or "g" where it is applied already.'
+                f"{place} states the sensitivity {raw.sensitivities[name]} of {name!r}, "
+                "but not its unit.",
+                field="unit",
+                remedy="Set {unit='V'} or {unit='mV'}, or {unit='g'} if it is applied already.",
             )
-        return 1.0, _unit(raw.units.get(name), options.unit, name, where)
-    unit = (
-        None
-        if in_file is None and options.unit is None
-        else _unit(in_file, options.unit, name, where)
-    )
+        return 1.0, _resolve_unit(raw.units.get(name), options.unit, name, place)
+
+    unit_in_file = raw.units.get(name, raw.facts.get("unit"))
+    unit = None
+    if unit_in_file is not None or options.unit is not None:
+        unit = _resolve_unit(unit_in_file, options.unit, name, place)
     if sensitivity.per is None:
-        if unit in (None, "1") or re.fullmatch(_COUNT, str(unit)):
-            return sensitivity.factor, sensitivity.unit
-        if raw.full_scale:
-            raise DataError(
-                f'{where} holds integers, whose full scale is sensitivity = "{sensitivity.text}"; remove unit, or '
-                "state it of the other files only, not in [defaults]."
-            )
-        raise DataError(
-            f"{where}: {name!r} is in {unit} already, as {'the file' if in_file else 'unit'} says, and sensitivity = "
-            f'"... {sensitivity.unit}" is for numbers without a unit; leave one of them out.'
-        )
+        _require_plain_numbers(raw, name, unit, unit_in_file, sensitivity, place)
+        return sensitivity.factor, sensitivity.unit
+
     if raw.full_scale:
         raise DataError(
-            f'{where} holds integers without a scale; state what full scale stands for: sensitivity = "50 m/s^2", and '
-            f'not "{sensitivity.text}".'
+            f"{place} holds integers without a scale, and {sensitivity.text} is for channels in "
+            f"{sensitivity.per}.",
+            field="sensitivity",
+            remedy="Set the value of full scale, such as {sensitivity='50 m/s^2'}.",
         )
     if unit is None:
         raise DataError(
-            f'{where} does not say in what {name!r} was recorded; add unit = "V" or "mV" beside the sensitivity, or '
-            'state what one number stands for: sensitivity = "0.1 g".'
+            f"{place} does not state the unit in which {name!r} was recorded.",
+            field="unit",
+            remedy=(
+                "Set {unit='V'} or {unit='mV'} in addition to the sensitivity, or the value of one "
+                "number: {sensitivity='0.1 g'}."
+            ),
         )
-    if (factor := sensitivity.of(unit)) is None:
+    factor = sensitivity.value_of(unit)
+    if factor is None:
         raise DataError(
-            f'{where}: {name!r} is in {unit}, and sensitivity = "{sensitivity.text}" is for channels in '
-            f"{sensitivity.per}; correct one of them."
+            f"{place}: {name!r} is in {unit}, and the sensitivity {sensitivity.text} is for "
+            f"channels in {sensitivity.per}; correct one of them.",
+            field="sensitivity",
         )
     return factor, sensitivity.unit
 
 
-def _sensitivities(
-    raw: RawFile, options: ReadOptions, chosen: Sequence[str], where: str
+def _require_plain_numbers(
+    raw: RawFile,
+    name: str,
+    unit: str | None,
+    unit_in_file: str | None,
+    sensitivity: _Sensitivity,
+    place: str,
+) -> None:
+    """Refuse a sensitivity of plain numbers for a channel that has a unit."""
+    if unit in (None, "1") or re.fullmatch(_COUNT, str(unit)):
+        return
+
+    if raw.full_scale:
+        raise DataError(
+            f"{place} holds integers, and their full scale is {sensitivity.text} by the "
+            "sensitivity.",
+            field="unit",
+            remedy="Remove {unit}, or set it for the other files only, not in [defaults].",
+        )
+    source = "the file" if unit_in_file else "unit"
+    raise DataError(
+        f"{place}: {name!r} is in {unit} already, according to {source}, and the sensitivity "
+        f"{sensitivity.text} is for numbers without a unit; remove one of them.",
+        field="sensitivity",
+    )
+
+
+def _resolve_sensitivities(
+    raw: RawFile, options: ReadOptions, channels: Sequence[str], place: str
 ) -> dict[str, _Sensitivity]:
-    stated = options.sensitivity
-    if stated is None:
-        return _sensitivities_in_file(raw, options, chosen, where)
-    texts = (stated,) if isinstance(stated, str) else stated
-    if not any("=" in text for text in texts):
-        if len(texts) not in (1, len(chosen)):
-            raise DataError(
-                f"{where}: {len(texts)} sensitivities for {len(chosen)} channels ({', '.join(chosen)})."
-            )
-        if len(texts) > 1:
-            return {
-                name: _Sensitivity.read(text, where)
-                for name, text in zip(chosen, texts, strict=True)
-            }
-        only = _Sensitivity.read(texts[0], where)
-        units = {name: raw.units.get(name, options.unit) for name in chosen}
-        fits = [
-            name
-            for name, unit in units.items()
-            if only.per is None or unit is None or only.of(unit) is not None
-        ]
-        return dict.fromkeys(fits or chosen, only)
-    new_names = dict(zip(chosen, options.names or (), strict=False))
+    """Return the sensitivity of each channel that has one."""
+    if options.sensitivity is None:
+        return _sensitivities_in_file(raw, options, channels, place)
+
+    if isinstance(options.sensitivity, str):
+        texts: Sequence[str] = (options.sensitivity,)
+    else:
+        texts = options.sensitivity
+    if any("=" in text for text in texts):
+        return _named_sensitivities(texts, options, channels, place)
+
+    if len(texts) == 1:
+        sensitivity = _Sensitivity.parse(texts[0], place)
+        matching = _channels_of_sensitivity(raw, options, channels, sensitivity)
+        return dict.fromkeys(matching or channels, sensitivity)
+    if len(texts) != len(channels):
+        raise DataError(
+            f"{place}: {len(texts)} sensitivities for {len(channels)} channels "
+            f"({', '.join(channels)}).",
+            field="sensitivity",
+        )
+    return {
+        name: _Sensitivity.parse(text, place) for name, text in zip(channels, texts, strict=True)
+    }
+
+
+def _channels_of_sensitivity(
+    raw: RawFile, options: ReadOptions, channels: Sequence[str], sensitivity: _Sensitivity
+) -> list[str]:
+    """Return the channels to which a single sensitivity applies."""
+    matching = []
+    for name in channels:
+        unit = raw.units.get(name, options.unit)
+        if sensitivity.per is None or unit is None or sensitivity.value_of(unit) is not None:
+            matching.append(name)
+    return matching
+
+
+def _named_sensitivities(
+    texts: Sequence[str], options: ReadOptions, channels: Sequence[str], place: str
+) -> dict[str, _Sensitivity]:
+    """Return the sensitivities of texts ``NAME=QUANTITY``; the last one of a channel counts."""
+    new_names = dict(zip(channels, options.names or (), strict=False))
     sensitivities: dict[str, _Sensitivity] = {}
     for text in texts:
         pattern, _, quantity = text.partition("=")
         pattern = pattern.strip()
-        names = [
-            name for name in chosen if pattern == new_names.get(name) or fnmatchcase(name, pattern)
-        ]
+        names = []
+        for name in channels:
+            if pattern == new_names.get(name) or fnmatchcase(name, pattern):
+                names.append(name)
         if not names or not quantity:
             raise DataError(
-                f"{where}: sensitivity = {text!r} names no channel; write NAME=QUANTITY for some of "
-                f"{', '.join(chosen)}."
+                f"{place}: sensitivity ({text}) names no channel; use NAME=QUANTITY for some of "
+                f"{', '.join(channels)}.",
+                field="sensitivity",
             )
-        sensitivities |= dict.fromkeys(names, _Sensitivity.read(quantity, where))
+        sensitivity = _Sensitivity.parse(quantity, place)
+        sensitivities.update(dict.fromkeys(names, sensitivity))
     return sensitivities
 
 
 def _sensitivities_in_file(
-    raw: RawFile, options: ReadOptions, chosen: Sequence[str], where: str
+    raw: RawFile, options: ReadOptions, channels: Sequence[str], place: str
 ) -> dict[str, _Sensitivity]:
-    """The sensitivities that the file states of channels that are in volts."""
-    found: dict[str, _Sensitivity] = {}
-    for name in (name for name in chosen if name in raw.sensitivities):
-        text, unit = raw.sensitivities[name], raw.units.get(name, options.unit)
-        if unit is not None and not re.fullmatch(rf"{_ELECTRIC}|1|{_COUNT}", unit):
-            continue  # it is applied already, as the unit in the file or the stated one says
-        if re.fullmatch(r"[\d.eE+-]+", text):
+    """Return the sensitivities that the file states for channels in volts."""
+    sensitivities: dict[str, _Sensitivity] = {}
+    for name in channels:
+        if name not in raw.sensitivities:
+            continue
+        unit = raw.units.get(name, options.unit)
+        if unit is not None and not _SENSED_UNIT.fullmatch(unit):
+            continue  # it is applied already, or the numbers would not be in this unit
+
+        text = raw.sensitivities[name]
+        if _BARE_NUMBER.fullmatch(text):
             raise DataError(
-                f"{where} states the sensitivity {text} of {name!r} without its unit; say sensitivity = "
-                f'"{text} mV/g" or what it is, or unit = "g" where it is applied already.'
+                f"{place} states the sensitivity {text} of {name!r} without its unit.",
+                field="sensitivity",
+                remedy=(
+                    f"Set {{sensitivity='{text} mV/g'}} or whatever it is, or {{unit='g'}} if it "
+                    "is applied already."
+                ),
             )
-        sensitivity = _Sensitivity.read(text, where)
-        if unit and sensitivity.of(unit) is not None:
-            found[name] = sensitivity
-    return found
+        sensitivity = _Sensitivity.parse(text, place)
+        if unit and sensitivity.value_of(unit) is not None:
+            sensitivities[name] = sensitivity
+    return sensitivities
 
 
 def vibration_columns(raw: RawFile, options: ReadOptions) -> list[str]:
-    """Columns of a file but for those of another quantity beside accelerations: pressures,
-    tachometers, temperatures.
+    """Return the columns of a file without those of other quantities than vibration.
 
-    Where nothing says what the columns are, all of them.
+    Those are pressures, tachometers, temperatures besides accelerations. If nothing shows which
+    columns are vibration, all are returned.
     """
-    factors = {
-        name: None if unit == "1" else acceleration_factor(unit) for name, unit in raw.units.items()
-    }
-    is_acceleration = options.unit is not None and acceleration_factor(options.unit) is not None
-    vibration, known = (
-        [],
-        is_acceleration or options.sensitivity is not None or bool(raw.sensitivities),
-    )
+    has_sensitivity = options.sensitivity is not None
+    has_acceleration = has_sensitivity or bool(raw.sensitivities)
+    if options.unit is not None and acceleration_factor(options.unit) is not None:
+        has_acceleration = True
+
+    columns = []
     for name in raw.columns:
-        if name in raw.units:
-            sensed = options.sensitivity is not None or name in raw.sensitivities
-            is_sensed = sensed and re.fullmatch(rf"{_ELECTRIC}|1|{_COUNT}", raw.units[name])
-            is_other = factors[name] is None and not is_sensed
-            known = known or factors[name] is not None
+        unit = raw.units.get(name)
+        if unit is None:
+            is_vibration = not _OTHER_QUANTITY.search(name)
         else:
-            is_other = bool(_OTHER_QUANTITY.search(name))
-        if not is_other:
-            vibration.append(name)
-    return vibration if known and vibration else list(raw.columns)
+            is_acceleration = unit != "1" and acceleration_factor(unit) is not None
+            has_acceleration = has_acceleration or is_acceleration
+            is_sensed = has_sensitivity or name in raw.sensitivities
+            is_vibration = is_acceleration or bool(is_sensed and _SENSED_UNIT.fullmatch(unit))
+        if is_vibration:
+            columns.append(name)
+    return columns if has_acceleration and columns else list(raw.columns)
 
 
-def _unit(in_file: str | None, stated: str | None, name: str, where: str) -> str:
-    """Unit of the file or the options, which must not contradict each other."""
-    if stated is None and in_file is None:
-        raise DataError(
-            f'{where} does not say the unit of {name!r}; add unit = "g", "m/s^2", or "1" where nobody knows.'
-        )
-    if stated is None or in_file is None:
-        return stated or str(in_file)
-    factors = acceleration_factor(stated), acceleration_factor(in_file)
-    if factors[0] != factors[1] or (factors[0] is None and stated != in_file):
-        sensed = {"1": f'sensitivity = "1 {stated}"'}.get(in_file, 'sensitivity = "100 mV/g"')
-        is_scaled = in_file == "1" or (factors[0] is not None and re.fullmatch(_ELECTRIC, in_file))
-        advice = f"or say what they stand for: {sensed}" if is_scaled else "or correct the file"
-        raise DataError(
-            f"{where} says {name!r} is in {in_file}, the index says {stated}; remove unit, {advice}."
-        )
-    return stated
+def _resolve_unit(in_file: str | None, specified: str | None, name: str, place: str) -> str:
+    """Return the unit of the file or the options, which must not contradict each other."""
+    if specified is None:
+        if in_file is None:
+            raise DataError(
+                f"{place} does not state the unit of {name!r}.",
+                field="unit",
+                remedy="Set {unit='g'}, {unit='m/s^2'}, or {unit='1'} if it is unknown.",
+            )
+        return in_file
+    if in_file is None:
+        return specified
+
+    specified_factor = acceleration_factor(specified)
+    factor_in_file = acceleration_factor(in_file)
+    is_other_quantity = specified_factor is None and specified != in_file
+    if specified_factor == factor_in_file and not is_other_quantity:
+        return specified
+
+    is_voltage_of_acceleration = specified_factor is not None and re.fullmatch(_ELECTRIC, in_file)
+    if in_file == "1":
+        remedy = f"Remove {{unit}}, or set its scale: {{sensitivity='1 {specified}'}}."
+    elif is_voltage_of_acceleration:
+        remedy = "Remove {unit}, or set its scale: {sensitivity='100 mV/g'}."
+    else:
+        remedy = "Remove {unit}, or correct the file."
+    raise DataError(
+        f"{place} states that {name!r} is in {in_file}, but {specified} is specified.",
+        field="unit",
+        remedy=remedy,
+    )

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.columns import Column, slice_column
+from swashtwin.recordings.columns import Column, slice_column
 from swashtwin.recordings.formats.headings import split_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.sample_units import normalize_unit

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from swashtwin.foundation import ArtifactError, DataError, memory_limit
-from swashtwin.recordings.formats.columns import BLOCK_SAMPLES, matrix_columns
+from swashtwin.recordings.columns import BLOCK_SAMPLES, matrix_columns
 from swashtwin.recordings.formats.hdf5_access import (
     ErrorKeepingFile,
     create_file,

@@ -7,8 +7,8 @@ from typing import Any
 import h5py
 import numpy as np
 
+from swashtwin.recordings.columns import Column, matrix_columns
 from swashtwin.recordings.formats.clock import extract_time
-from swashtwin.recordings.formats.columns import Column, matrix_columns
 from swashtwin.recordings.formats.hdf5_access import require_local_data
 from swashtwin.recordings.formats.named_arrays import NAME_LISTS, UNIT_LISTS, attach_facts
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions

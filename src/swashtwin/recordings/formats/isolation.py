@@ -26,8 +26,8 @@ from swashtwin.foundation import (
     SwashTwinError,
     memory_limit,
 )
+from swashtwin.recordings.columns import BLOCK_SAMPLES, Column, number_type
 from swashtwin.recordings.formats.clock import split_at_breaks
-from swashtwin.recordings.formats.columns import BLOCK_SAMPLES, Column, number_type
 from swashtwin.recordings.formats.raw_file import (
     RawFile,
     ReadOptions,

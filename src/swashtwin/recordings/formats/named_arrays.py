@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError
+from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.clock import match_time_name
-from swashtwin.recordings.formats.columns import Column
 from swashtwin.recordings.formats.headings import BARE_RATE, header_rate, read_sensitivities
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.sample_units import recognize_unit

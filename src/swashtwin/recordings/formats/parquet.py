@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import load_extra
+from swashtwin.recordings.columns import Column, LazyColumn
 from swashtwin.recordings.formats.clock import extract_time
-from swashtwin.recordings.formats.columns import Column, LazyColumn
 from swashtwin.recordings.formats.headings import split_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, require_plausible_size
 from swashtwin.recordings.recording import Recording

@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from swashtwin.foundation import DataError, MissingFileError, memory_limit
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings.formats.columns import Column
+from swashtwin.recordings.columns import Column
 
 STORE_KIND = "swashtwin store "
 """Format name, before its version, of an HDF5 file of many recordings."""

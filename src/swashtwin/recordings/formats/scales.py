@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.columns import Column, LazyColumn
+from swashtwin.recordings.columns import Column, LazyColumn
 from swashtwin.recordings.formats.raw_file import ReadOptions
 
 _UNKNOWN_SCALES = {

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, load_extra
+from swashtwin.recordings.columns import Column, LazyColumn, slice_column
 from swashtwin.recordings.formats.clock import TIME_UNITS, extract_time
-from swashtwin.recordings.formats.columns import Column, LazyColumn, slice_column
 from swashtwin.recordings.formats.headings import header_rate, read_sensitivities
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, snap_rate
 from swashtwin.recordings.formats.sample_units import recognize_unit

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError, render_settings
-from swashtwin.recordings.formats.columns import BLOCK_SAMPLES, Column
+from swashtwin.recordings.columns import BLOCK_SAMPLES, Column
 from swashtwin.recordings.formats.raw_file import snap_rate
 
 MAX_RATE_ERROR = 5e-3

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, load_extra
-from swashtwin.recordings.formats.columns import matrix_columns
+from swashtwin.recordings.columns import matrix_columns
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, require_plausible_size
 from swashtwin.recordings.recording import Recording
 

@@ -1,0 +1,208 @@
+"""Fingerprints of channels, which recognize copies that were cut, filtered, scaled or resampled.
+
+A fingerprint holds the signs of the whitened signal in four narrow bands. Scaling leaves the signs,
+a filter leaves those within its pass band, and a cut shifts them; their correlation over all shifts
+therefore recognizes a copy, forward or backward in time.
+"""
+
+import base64
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import scipy
+from jaxtyping import Complex64, Float
+from scipy import fft
+
+from swashtwin.recordings.recording import Recording
+
+FINGERPRINT_MARK = "~"
+"""First character of a fingerprint, which distinguishes it from a hash."""
+MIN_AGREEMENT = 0.4
+"""Correlation of the signs from which two recordings are copies (docs/how-to/leakage.md)."""
+_BAND_PAIRS_HZ = ((60, 280), (1100, 1400))
+"""Lower edges of the bands [Hz], in pairs that are compared together.
+
+There are two pairs because a filter may remove one of them.
+"""
+_BAND_WIDTH_HZ = 120
+_VALUES_PER_S = 180
+"""Complex values of a band per second: one and a half times its width."""
+_MAX_BAND_EDGE = 0.475
+"""Highest band edge over the sample rate: anti-aliasing filters remove what lies above."""
+_TAPER_TIME_S = 0.25
+"""Rise of the taper [s]."""
+_MEDIAN_WIDTH_HZ = 8.0
+"""Width over which the noise floor is taken as a median [Hz]."""
+_MIN_TIME_S = 1.0
+"""Consecutive seconds that must agree."""
+_MAX_TIME_S = 20.0
+"""Seconds that a fingerprint covers."""
+_MIN_RELATIVE_NOISE = 2e-5
+"""Noise in a band over the highest line from which it is noise: less may be leakage of a tone."""
+_BLOCK_SIZE = 64
+"""Listed fingerprints that are compared together, which limits the memory."""
+
+
+def compute_fingerprints(recording: Recording) -> tuple[str, ...]:
+    """Return the fingerprint of each channel that has one.
+
+    It is at least one second long, was sampled at 840 Hz or more, and has noise.
+    """
+    rate = float(recording.sample_rate)
+    if recording.duration < _MIN_TIME_S:
+        return ()
+
+    count = min(recording.n_samples, int(_MAX_TIME_S * rate))
+    signal = recording.samples.signal_part(0, count)
+    fingerprints = [_compute_fingerprint(channel, rate) for channel in signal]
+    return tuple(filter(None, fingerprints))
+
+
+def _compute_fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> str:
+    """Return a text such as ``"~01.360.9Qb..."``, empty if no pair of bands has noise.
+
+    It states the pairs of bands it has, the number of values of each band, and their signs.
+    """
+    duration = channel.size / rate
+    seconds = int(np.ceil(duration))
+    value_count = int(duration * _VALUES_PER_S)
+    ramp = np.minimum((np.arange(channel.size) + 0.5) / (_TAPER_TIME_S * rate), 1.0)
+    taper = np.sin(np.pi / 2 * np.minimum(ramp, ramp[::-1])) ** 2
+    spectrum = fft.rfft((channel - channel.mean()) * taper, round(seconds * rate))
+    amplitude = np.abs(spectrum)
+
+    flags = ""
+    signs: list[list[np.ndarray]] = []
+    for pair in _BAND_PAIRS_HZ:
+        pair_signs = []
+        if pair[1] + _BAND_WIDTH_HZ <= _MAX_BAND_EDGE * rate:
+            for low_edge in pair:
+                values = _whiten_band(spectrum, amplitude, low_edge, seconds)
+                if values is not None:
+                    values = values[:value_count]
+                    pair_signs.append([values.real > 0, values.imag > 0])
+        has_pair = len(pair_signs) == 2
+        flags += str(int(has_pair))
+        if has_pair:
+            signs += pair_signs
+
+    if not signs:
+        return ""
+    bits = base64.b64encode(np.packbits(np.array(signs)).tobytes()).decode()
+    return f"{FINGERPRINT_MARK}{flags}.{value_count}.{bits}"
+
+
+def _whiten_band(
+    spectrum: np.ndarray, amplitude: np.ndarray, low_edge: int, seconds: int
+) -> np.ndarray | None:
+    """Return the complex signal of a band with its lines cut to the noise, or None without noise."""
+    band = slice(low_edge * seconds, (low_edge + _BAND_WIDTH_HZ) * seconds)
+    median_bins = int(_MEDIAN_WIDTH_HZ * seconds) | 1  # an odd number
+    noise = scipy.ndimage.median_filter(amplitude[band], median_bins, mode="nearest")
+    if not np.median(noise) > _MIN_RELATIVE_NOISE * amplitude.max():
+        return None
+
+    divisor = np.maximum(amplitude[band], np.maximum(noise, 1e-300))  # never 0
+    values: np.ndarray = fft.ifft(spectrum[band] / divisor, _VALUES_PER_S * seconds)
+    return values
+
+
+def _count_values(fingerprint: str) -> int:
+    return int(fingerprint.split(".")[1])
+
+
+def _decode_signs(fingerprint: str) -> Complex64[np.ndarray, "band time"]:
+    """Return the values of a fingerprint, of magnitude 1; zeros in bands that it does not have."""
+    flags, length, bits = fingerprint[len(FINGERPRINT_MARK) :].split(".")
+    has_band = np.repeat([flag == "1" for flag in flags], 2)
+    value_count = int(length)
+    bit_count = 2 * value_count * int(has_band.sum())
+    packed = np.frombuffer(base64.b64decode(bits), np.uint8)
+    is_positive = np.unpackbits(packed, count=bit_count)
+
+    parts = 2.0 * is_positive.reshape(-1, 2, value_count) - 1
+    signs = np.zeros((has_band.size, value_count), np.complex64)
+    signs[has_band] = (parts[:, 0] + 1j * parts[:, 1]) / np.sqrt(2)
+    return signs
+
+
+def find_altered_copies(
+    listed: Mapping[str, Sequence[str]], recordings: Mapping[str, Sequence[str]]
+) -> dict[str, str]:
+    """Return those of `recordings` that are copies of listed ones: listed id by id.
+
+    The first fingerprint of a recording is compared with all of a listed one, so that exchanged and
+    removed channels hide no copy.
+
+    Parameters
+    ----------
+    listed, recordings : fingerprints by id.
+    """
+    candidates: dict[int, list[tuple[str, np.ndarray]]] = {}
+    best: dict[str, tuple[float, str]] = {}
+    for name, fingerprints in recordings.items():
+        if fingerprints:
+            signs = _decode_signs(fingerprints[0])
+            candidates.setdefault(signs.shape[1], []).append((name, signs))
+            best[name] = (0.0, "")
+    if not candidates:
+        return {}
+
+    for names, listed_signs in _listed_blocks(listed):
+        for group in candidates.values():
+            agreements = _agreements(listed_signs, [signs for _, signs in group])
+            for (name, _), agreement in zip(group, agreements, strict=True):
+                row = int(agreement.argmax())
+                best[name] = max(best[name], (float(agreement[row]), names[row]))
+
+    return {
+        name: listed_name
+        for name, (agreement, listed_name) in best.items()
+        if agreement >= MIN_AGREEMENT
+    }
+
+
+def _listed_blocks(
+    listed: Mapping[str, Sequence[str]],
+) -> Iterator[tuple[list[str], Complex64[np.ndarray, "channel band time"]]]:
+    """Yield blocks of listed fingerprints of one length, with the id of each."""
+    by_length: dict[int, list[tuple[str, str]]] = {}
+    for name, fingerprints in listed.items():
+        for fingerprint in fingerprints:
+            by_length.setdefault(_count_values(fingerprint), []).append((name, fingerprint))
+
+    for pairs in by_length.values():
+        for start in range(0, len(pairs), _BLOCK_SIZE):
+            block = pairs[start : start + _BLOCK_SIZE]
+            names = [name for name, _ in block]
+            yield names, np.stack([_decode_signs(fingerprint) for _, fingerprint in block])
+
+
+def _agreements(
+    listed: Complex64[np.ndarray, "channel band time"], candidates: Sequence[np.ndarray]
+) -> Iterator[Float[np.ndarray, " channel"]]:
+    """Yield the greatest correlation of each candidate with each listed channel.
+
+    It is the greatest over all shifts, both directions of time and the pairs of bands. All
+    candidates have one length.
+    """
+    lengths = (listed.shape[-1], candidates[0].shape[-1])
+    size = fft.next_fast_len(sum(lengths))
+    # The number of values that overlap at each shift normalizes the correlation.
+    listed_ones, candidate_ones = (fft.rfft(np.ones(length), size) for length in lengths)
+    overlap = np.round(fft.irfft(listed_ones * np.conj(candidate_ones), size))
+    is_valid = overlap > 0.9 * _MIN_TIME_S * _VALUES_PER_S
+    spectra = fft.fft(listed, size)
+
+    for signs in candidates:
+        best = np.zeros(len(listed))
+        for pair in (slice(0, 2), slice(2, 4)):
+            if not (listed[:, pair].any() and signs[pair].any()):
+                continue
+            reversed_signs = np.conj(signs[pair, ::-1])
+            for values in (signs[pair], reversed_signs):
+                products = spectra[:, pair] * np.conj(fft.fft(values, size))
+                correlation = np.abs(fft.ifft(products)).mean(axis=1)
+                agreement = (correlation[:, is_valid] / overlap[is_valid]).max(axis=1)
+                best = np.maximum(best, agreement)
+        yield best

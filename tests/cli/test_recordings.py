@@ -52,14 +52,14 @@ def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(
 ) -> None:
     out = ("--out", folder / "s.h5") if command == "data convert" else ()
     line = one_line(run(*command.split(), folder / "normal_1.csv", *out, code=3))
-    assert 'add --sample-rate "25.6 kHz"' in line
+    assert 'Set --sample-rate "25.6 kHz"' in line
     line = one_line(
         run(*command.split(), folder / "normal_1.csv", "--sample-rate", "2 kHz", *out, code=3)
     )
-    assert 'add --unit "g"' in line
+    assert 'Set --unit "g"' in line
     (folder / "recordings.toml").write_text('format = 1\n[[recording]]\nfile = "normal_1.csv"\n')
     said = run(*command.split(), folder, *out, code=3)
-    assert 'add sample_rate = "25.6 kHz"' in (
+    assert 'Set sample_rate = "25.6 kHz"' in (
         said.stdout if command == "inspect" else one_line(said)
     )
 

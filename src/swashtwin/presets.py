@@ -1,4 +1,4 @@
-"""Two recipes of arguments: the paper's, and ours, which are the defaults everywhere.
+"""Presets of arguments: the paper's, and the recommended ones, which are the defaults.
 
 Examples
 --------
@@ -17,10 +17,10 @@ from swashtwin.learning import PAPER_TRAINING, RECOMMENDED_TRAINING, TrainingSet
 
 @dataclass(frozen=True)
 class Preset:
-    """One recipe."""
+    """One set of arguments."""
 
     name: str
-    """``"paper"`` or ``"recommended"``, as the command line calls it."""
+    """``"paper"`` or ``"recommended"``, its name on the command line."""
     training: TrainingSettings
     """Settings of the training of a network."""
     classifier: Mapping[str, Any]
@@ -31,9 +31,9 @@ class Preset:
         """Arguments of `calibrate`."""
         if self is not paper:
             return {}
-        from swashtwin.calibration import (
-            PAPER_CALIBRATION,
-        )  # needs torch, which a training by default does without
+
+        # It needs torch, which the default training does without.
+        from swashtwin.calibration import PAPER_CALIBRATION
 
         return PAPER_CALIBRATION
 
@@ -50,9 +50,8 @@ paper = Preset(
         {"network": "bitcn", **{name: getattr(PAPER_TRAINING, name) for name in _NAMES}}
     ),
 )
-"""The recipe of the paper (DOI 10.1177/00202940261419020)."""
+"""The preset of the paper (DOI 10.1177/00202940261419020)."""
 
 recommended = Preset("recommended", RECOMMENDED_TRAINING, MappingProxyType({}))
-"""Ours (docs/explanation/networks.md): the defaults of `calibrate` and `FaultClassifier`, which
-chooses by trials; a network that is named is trained by `training`.
-"""
+"""The defaults of `calibrate` and `FaultClassifier` (docs/explanation/networks.md), which selects by
+trials; a named network is trained by `training`."""

@@ -79,10 +79,10 @@ def test_a_decimal_number_of_millimeters_is_the_nearest_double() -> None:
         ("15 mPa", "Pa", 'is in thousandths of a pascal; was "15 MPa" meant?'),
         ("860 rpm", "Hz", 'is an angular speed; write it as "14.3333 Hz"'),
         ("90 rad/s", "Hz", 'is an angular speed; write it as "14.3239 Hz"'),
-        ("1 N*m", "N*m/rad", "no quantity in N*m/rad"),
-        ("3 deg", "1", "no plain number; write it without a unit"),
-        ("15 MPa", "m", "no quantity in m; write it in m or a multiple of it"),
-        ("3 m", "rad/s", "no quantity in rad/s"),
+        ("1 N*m", "N*m/rad", "not a quantity in N*m/rad"),
+        ("3 deg", "1", "must be a plain number; write it without a unit"),
+        ("15 MPa", "m", "not a quantity in m; write it in m or a multiple of it"),
+        ("3 m", "rad/s", "not a quantity in rad/s"),
     ],
 )
 def test_a_unit_of_another_dimension_is_refused_and_two_pi_never_slips_in(

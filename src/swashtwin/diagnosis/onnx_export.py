@@ -1,6 +1,4 @@
-"""A fitted classifier as an ONNX file, which other languages and runtimes read without torch or
-swashtwin.
-"""
+"""A fitted classifier as an ONNX file, for other languages and runtimes."""
 
 import json
 import logging
@@ -21,14 +19,14 @@ if TYPE_CHECKING:
 
 
 def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
-    """`path`, after the classifier was written to it as an ONNX file.
+    """Write a classifier to `path` as an ONNX file and return the path.
 
     The input ``windows`` (window, channel, time) takes any number of windows of the classifier's
     layout in its unit, float32. A network on orders of the shaft has a second input, ``speed``
-    (window) [rad/s], NaN for that of the training. The one output, ``probability`` (window, class),
-    is what `FittedClassifier.predict_proba` gives, without what heads on whole recordings
-    (`FittedClassifier.recordings`) add. The scaling is part of the file. Its metadata hold JSON:
-    ``classes``, ``layout``, ``normalization``, ``temperature`` and ``dependence`` (by which
+    (window) [rad/s], NaN for that of the training. The only output, ``probability`` (window,
+    class), equals `FittedClassifier.predict_proba` without the contribution of heads on whole
+    recordings (`FittedClassifier.recordings`). The scaling is part of the file. Its metadata hold
+    JSON: ``classes``, ``layout``, ``normalization``, ``temperature`` and ``dependence`` (by which
     `diagnose` calibrates the probabilities, or null), ``manifest``, ``network`` and ``swashtwin``
     (version).
 
@@ -45,20 +43,22 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
     else:
         load_extra("onnxscript", "onnx", "an ONNX file of a network of torch")
         model = torch_model(classifier, network)
-    for name, value in _facts(classifier).items():
+
+    for name, value in _metadata(classifier).items():
         model.metadata_props.add(key=name, value=json.dumps(value))
     with atomic_write(Path(path)) as temporary:
         temporary.write_bytes(model.SerializeToString())
     return Path(path)
 
 
-def _facts(classifier: FittedClassifier) -> dict[str, object]:
+def _metadata(classifier: FittedClassifier) -> dict[str, object]:
+    confidence = classifier.confidence
     return {
         "classes": classifier.classes,
         "layout": asdict(classifier.layout),
         "normalization": classifier.normalization.kind,
-        "temperature": None if classifier.confidence is None else classifier.confidence.temperature,
-        "dependence": None if classifier.confidence is None else classifier.confidence.dependence,
+        "temperature": None if confidence is None else confidence.temperature,
+        "dependence": None if confidence is None else confidence.dependence,
         "manifest": sorted(classifier.manifest),
         "network": classifier.network.name,
         "swashtwin": VERSION,
@@ -66,15 +66,17 @@ def _facts(classifier: FittedClassifier) -> dict[str, object]:
 
 
 def torch_model(classifier: FittedClassifier, network: "Network") -> Any:
-    """The ONNX model of a network of torch: scaling, network and softmax, computed as
-    `FittedClassifier` does.
+    """Return the ONNX model of a network of torch: scaling, network and softmax.
+
+    It computes in the order and precision of `FittedClassifier`.
     """
     import torch
 
-    layout, normalization = classifier.layout, classifier.normalization
-    turns_of_speed = 1 / (2 * np.pi * layout.sample_rate)
+    layout = classifier.layout
+    normalization = classifier.normalization
+    turns_per_speed = 1 / (2 * np.pi * layout.sample_rate)
 
-    class Whole(torch.nn.Module):
+    class ScaledNetwork(torch.nn.Module):
         mean: torch.Tensor
         deviation: torch.Tensor
 
@@ -85,24 +87,31 @@ def torch_model(classifier: FittedClassifier, network: "Network") -> Any:
             self.register_buffer("deviation", torch.from_numpy(normalization.deviation)[:, None])
 
         def forward(self, windows: torch.Tensor, speed: torch.Tensor | None = None) -> torch.Tensor:
-            samples, mean, deviation = windows.double(), self.mean, self.deviation
+            samples = windows.double()
+            mean = self.mean
+            deviation = self.deviation
             if normalization.kind == "window":
                 mean = samples.mean(dim=-1, keepdim=True)
                 deviation = (samples - mean).square().mean(dim=-1, keepdim=True).sqrt()
                 deviation = torch.where(deviation > 0, deviation, 1.0)
             if normalization.kind in ("window", "set"):
                 windows = ((samples - mean) / deviation).float()
+
             if speed is None:
                 return torch.softmax(network(windows), dim=-1)
-            represented = network.represent_at(windows, speed * turns_of_speed)
+            represented = network.represent_at(windows, speed * turns_per_speed)
             return torch.softmax(network.head(network.encode(represented)), dim=-1)
 
-    names, examples = ["windows"], [torch.zeros(2, len(layout.channels), layout.length)]
+    # Two windows, since the exporter takes a size of one for a constant.
+    names = ["windows"]
+    examples = [torch.zeros(2, len(layout.channels), layout.length)]
     if network.uses_speed:
-        names, examples = [*names, "speed"], [*examples, torch.full((2,), torch.nan)]
-    with _quiet():
+        names.append("speed")
+        examples.append(torch.full((2,), torch.nan))
+
+    with _without_export_warnings():
         program = torch.onnx.export(
-            Whole().eval(),
+            ScaledNetwork().eval(),
             tuple(examples),
             dynamo=True,
             dynamic_shapes=({0: torch.export.Dim("window")},) * len(names),
@@ -115,8 +124,8 @@ def torch_model(classifier: FittedClassifier, network: "Network") -> Any:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Within it, torch does not tell of packages that nobody needs, nor of its own old ways."""
+def _without_export_warnings() -> Iterator[None]:
+    """Silence torch's remarks on packages that are not needed and on its deprecated functions."""
     logger = logging.getLogger("torch.onnx")
     level = logger.level
     logger.setLevel(logging.ERROR)
@@ -124,9 +133,8 @@ def _quiet() -> Iterator[None]:
         with warnings.catch_warnings():
             for kind in (FutureWarning, DeprecationWarning):
                 warnings.simplefilter("ignore", kind)
-            warnings.filterwarnings(
-                "ignore", ".*axis name: window will not be used"
-            )  # two inputs share it
+            # Windows and speed share their first axis.
+            warnings.filterwarnings("ignore", ".*axis name: window will not be used")
             yield
     finally:
         logger.setLevel(level)

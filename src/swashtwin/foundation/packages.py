@@ -1,4 +1,4 @@
-"""The version of this package, the optional ones, and loops that are compiled to machine code."""
+"""The version of this package, optional packages, and compilation of loops to machine code."""
 
 import sys
 from collections.abc import Callable
@@ -14,22 +14,22 @@ try:
 except PackageNotFoundError:  # run from a source tree that was never installed
     VERSION = "0+unknown"
 __version__ = VERSION
-"""The same, by the name that other packages give it."""
+"""The version, by the name that is common among packages."""
 
 
 def load_extra(module: str, extra: str, need: str) -> Any:
-    """An optional module, or a module of this package that stands on one.
+    """Import and return an optional module, or a module of this package that needs one.
 
     Parameters
     ----------
     module : such as ``"onnx"``.
-    extra : of swashtwin that installs it, such as ``"networks"``.
-    need : what needs it, as the message begins, such as ``"the network bitcn"``.
+    extra : extra of swashtwin that installs it, such as ``"networks"``.
+    need : what needs it, with which the message begins, such as ``"the network bitcn"``.
 
     Raises
     ------
     MissingExtraError
-        It is not installed; the message says the line that installs it.
+        It is not installed; the message holds the command that installs it.
     """
     try:
         return import_module(module)
@@ -38,12 +38,12 @@ def load_extra(module: str, extra: str, need: str) -> Any:
 
 
 def require_modules(*modules: str, extra: str, need: str) -> None:
-    """The same without importing them.
+    """Raise an error if a module is not installed, without importing it.
 
     Raises
     ------
     MissingExtraError
-        One is not installed.
+        A module is not installed.
     """
     for module in modules:
         if module not in sys.modules and find_spec(module) is None:
@@ -60,15 +60,14 @@ _F = TypeVar("_F", bound=Callable)
 
 
 def compiled(function: _F) -> _F:
-    """`function`, compiled by numba; the machine code is kept on disk where that can be written.
+    """Return `function` compiled by numba, which stores the machine code on disk if it can.
 
-    Give each such function ``@no_type_check`` beneath this decorator: the tests' run-time checker
-    would otherwise wrap it in something that cannot be compiled. Arguments are plain numbers and
-    arrays.
+    Give each such function ``@no_type_check`` below this decorator: otherwise the tests' run-time
+    checker wraps it in something that cannot be compiled. Arguments are plain numbers and arrays.
     """
     import numba
 
     try:
         return cast(_F, numba.njit(cache=True, error_model="numpy")(function))
-    except RuntimeError:  # no folder to keep the machine code in
+    except RuntimeError:  # no folder is writable
         return cast(_F, numba.njit(error_model="numpy")(function))

@@ -1,6 +1,4 @@
-"""Processes that work side by side and end with their parent; how many threads and how much memory
-they take.
-"""
+"""Parallel processes that end with their parent, and limits of threads and memory."""
 
 import ctypes
 import os
@@ -18,16 +16,16 @@ from swashtwin.foundation.errors import DataError, InputError
 if TYPE_CHECKING:
     from joblib import Parallel
 
-_SECONDS = 1.0
-"""Between two looks at the parent."""
+_POLL_INTERVAL_S = 1.0
+"""Interval at which a process checks whether its parent is alive."""
 
 
 def parallel(jobs: int, **options: Any) -> "Parallel":
-    """`joblib.Parallel` whose processes end when this process does, however it ends.
+    """Return a `joblib.Parallel` whose processes end when this process does, however it ends.
 
     Parameters
     ----------
-    jobs : processes; 1 works in this process.
+    jobs : number of processes; 1 to work in this process.
     options : of `joblib.Parallel`.
     """
     from joblib import Parallel  # which loads numpy, and the shell's help needs none
@@ -46,7 +44,7 @@ def exit_with_parent(parent: int) -> None:
 
     Parameters
     ----------
-    parent : number of the process that started this process.
+    parent : id of the process that started this process.
     """
     threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
 
@@ -62,32 +60,32 @@ def _end_after(parent: int) -> None:
             pass  # it has ended
     else:
         while os.getppid() == parent:
-            time.sleep(_SECONDS)
+            time.sleep(_POLL_INTERVAL_S)
     os._exit(1)
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Within it this thread computes alone, since kernels this small only wait for each other
-    (docs/explanation/method.md).
+    """Limit the calling thread to one OpenMP thread within the block.
 
-    Only the calling thread's number of OpenMP threads changes; that of the process and of other
-    threads stays.
+    Kernels as small as ours are slower on several threads, which wait for each other
+    (docs/explanation/method.md). The number of threads of the process and of other threads stays.
     """
-    if (torch := sys.modules.get("torch")) is not None:
-        torch.get_num_threads()  # torch sets up a new thread when it is first asked, which would undo the limit
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        # On its first use in a thread torch sets the number of threads, which would undo the limit.
+        torch.get_num_threads()
     with threadpool_limits(limits=1, user_api="openmp"):
         yield
 
 
 MEMORY_VARIABLE = "SWASHTWIN_MEMORY_GB"
-"""Environment variable that sets the limit."""
-_DEFAULT = 4.0
-"""Limit without the variable [GB]."""
+"""Environment variable that sets the memory limit of one file [GB]."""
+_DEFAULT_LIMIT_GB = 4.0
 
 
-_FREED_BLOCK = (1 << 25) - (1 << 16)
-"""Bytes, a little less than the most that malloc learns from."""
+_FREED_BLOCK_BYTES = (1 << 25) - (1 << 16)
+"""Slightly below the largest block that changes malloc's threshold."""
 
 
 def keep_freed_memory() -> None:
@@ -97,19 +95,18 @@ def keep_freed_memory() -> None:
     teaches it to keep as much (mallopt(3), M_MMAP_THRESHOLD). `return_memory` gives back what is
     not needed.
     """
-    bytes(_FREED_BLOCK)
+    bytes(_FREED_BLOCK_BYTES)
 
 
 def memory_limit() -> int:
-    """Bytes that the content of one file may take in memory: 4 GB, or what ``SWASHTWIN_MEMORY_GB``
-    says.
+    """Return the memory limit of one file's content [bytes]: 4 GB, or ``SWASHTWIN_MEMORY_GB``.
 
     Raises
     ------
     InputError
-        The variable holds no positive number.
+        The variable is not a positive number.
     """
-    text = os.environ.get(MEMORY_VARIABLE, "").strip() or str(_DEFAULT)
+    text = os.environ.get(MEMORY_VARIABLE, "").strip() or str(_DEFAULT_LIMIT_GB)
     try:
         gigabytes = float(text)
     except ValueError:
@@ -122,19 +119,18 @@ def memory_limit() -> int:
 
 
 def require_memory(name: object, size: float, *, reason: str = "is read whole and takes") -> None:
-    """Refuse content of `size` bytes that would take more memory than `memory_limit`, before any is
-    taken.
+    """Raise an error if content needs more memory than `memory_limit`, before it is allocated.
 
     Parameters
     ----------
     name : file or recording, the subject of the message.
-    size : bytes that its header, or a request, asks for.
+    size : bytes that its header, or a request, requires.
     reason : predicate of the message, before the number.
 
     Raises
     ------
     DataError
-        It would; the message holds both numbers and the variable that raises the limit.
+        It exceeds the limit; the message holds both numbers and the variable that sets the limit.
     """
     limit = memory_limit()
     if size > limit:
@@ -145,10 +141,10 @@ def require_memory(name: object, size: float, *, reason: str = "is read whole an
 
 
 def return_memory() -> None:
-    """Give freed memory back to the system, which a process of many days otherwise keeps in ever
-    smaller pieces.
+    """Return freed memory to the system.
 
-    Where the C library cannot (it is glibc's malloc_trim), nothing happens.
+    A process that runs for days otherwise keeps it in ever smaller pieces. Without glibc's
+    malloc_trim, nothing happens.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
     if trim is not None:

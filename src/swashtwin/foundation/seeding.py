@@ -1,4 +1,4 @@
-"""One seed, many independent random streams, addressed by purpose.
+"""Independent random streams from one seed, addressed by purpose.
 
 Two parts of a program that draw from streams of different purposes never shift each other's
 numbers, so adding a draw in one place leaves every other figure as it was. Same seed and same
@@ -11,8 +11,7 @@ import numpy as np
 
 
 def derive_seed(seed: int, *purpose: object) -> int:
-    """Seed in [0, 2**63) that depends on `seed` and on every word of `purpose`, and on nothing
-    else.
+    """Return a seed in [0, 2**63) that depends on `seed` and every part of `purpose` only.
 
     Examples
     --------
@@ -21,12 +20,12 @@ def derive_seed(seed: int, *purpose: object) -> int:
     >>> derive_seed(0, "noise", "rec-1") == derive_seed(0, "noise", "rec-2")
     False
     """
-    words = "\x1f".join(str(word) for word in (seed, *purpose))
-    return int.from_bytes(hashlib.sha256(words.encode()).digest()[:8], "big") >> 1
+    text = "\x1f".join(str(part) for part in (seed, *purpose))
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
 
 
 def random_stream(seed: int, *purpose: object) -> np.random.Generator:
-    """NumPy generator of the stream that `purpose` names.
+    """Return the NumPy generator of the stream of a purpose.
 
     Examples
     --------

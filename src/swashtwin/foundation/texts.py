@@ -1,4 +1,4 @@
-"""Texts that people wrote: one form of each, and none that a terminal or a spreadsheet obeys."""
+"""Texts from outside, made safe for terminals, spreadsheets, JSON and XML."""
 
 import csv
 import io
@@ -11,16 +11,15 @@ from pathlib import Path
 from typing import Any
 
 CONTROLS = "\x00-\x1f\x7f-\x9f\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff"
-"""Control characters, line ends, and marks that turn the direction of writing or take no room, as
-ranges of `re`.
-"""
+"""Control characters, line ends, and marks that change the direction of writing or have no width,
+as ranges of `re`."""
 _CONTROLS = re.compile(f"[{CONTROLS}]+")
 _HIDDEN = re.compile(f"[{CONTROLS}\ud800-\udfff\ufffe\uffff]")
-"""These, and what XML does not allow."""
+"""The same, and what XML does not allow."""
 
 
 def plain_text(text: str) -> str:
-    """`text` in one Unicode form (NFC), without control characters and without blanks around it.
+    """Return `text` in Unicode form NFC, without control characters and surrounding blanks.
 
     Examples
     --------
@@ -31,7 +30,7 @@ def plain_text(text: str) -> str:
 
 
 def spreadsheet_text(text: str) -> str:
-    """`text` as a cell of a CSV file that no spreadsheet takes for a formula.
+    """Return `text` as a cell of a CSV file that a spreadsheet does not take for a formula.
 
     Examples
     --------
@@ -42,9 +41,7 @@ def spreadsheet_text(text: str) -> str:
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table as text with commas: every number with all its digits, no text that a spreadsheet
-    takes for a formula.
-    """
+    """Return a table as CSV, numbers with all digits, no text that is taken for a formula."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     for row in (header, *rows):
@@ -53,17 +50,16 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def json_text(value: Any, *, indent: int | None = None, ensure_ascii: bool = False) -> str:
-    """Mappings, lists, paths, texts and numbers as JSON, with null for NaN and infinity, which JSON
-    does not have.
-    """
+    """Return mappings, lists, paths, texts and numbers as JSON, with null for NaN and infinity."""
     return json.dumps(
         finite_values(value), indent=indent, ensure_ascii=ensure_ascii, allow_nan=False
     )
 
 
 def finite_values(value: Any) -> Any:
-    """The same with None for NaN and infinity, which JSON does not have; lists for tuples, texts
-    for paths.
+    """Return a value with None for NaN and infinity, lists for tuples, and texts for paths.
+
+    JSON has neither NaN nor infinity.
     """
     if isinstance(value, Mapping):
         return {str(name): finite_values(entry) for name, entry in value.items()}
@@ -75,7 +71,7 @@ def finite_values(value: Any) -> Any:
 
 
 def plural(count: int, singular: str) -> str:
-    """Count with its noun.
+    """Return a count with its noun.
 
     Examples
     --------
@@ -86,14 +82,14 @@ def plural(count: int, singular: str) -> str:
 
 
 def escape_controls(text: str, *, keep: str = "") -> str:
-    r"""The text with every character that steers a terminal, or that XML does not allow, written as its code.
+    r"""Return `text` with unsafe characters as escape sequences.
 
-    These are the C0 and C1 control characters, those that change the direction of writing or take no room, lone
-    surrogates and non-characters.
+    These are the C0 and C1 control characters, which steer a terminal, characters that change the
+    direction of writing or have no width, lone surrogates and non-characters, which XML forbids.
 
     Parameters
     ----------
-    keep : control characters that stay, such as line ends.
+    keep : control characters that are not escaped, such as line ends.
 
     Examples
     --------
@@ -102,14 +98,12 @@ def escape_controls(text: str, *, keep: str = "") -> str:
     >>> escape_controls("two\nlines", keep="\n")
     'two\nlines'
     """
-    return _HIDDEN.sub(lambda match: match[0] if match[0] in keep else _code(match[0]), text)
+    return _HIDDEN.sub(lambda match: match[0] if match[0] in keep else _escape(match[0]), text)
 
 
-def _code(character: str) -> str:
-    """Its escape sequence; from 127 on one that JSON knows as well, whose writers leave these as
-    they are.
-    """
+def _escape(character: str) -> str:
+    """Return the escape sequence of a character; from 127 on one that JSON knows as well."""
     number = ord(character)
-    return (
-        character.encode("unicode_escape").decode("ascii") if number < 0x7F else f"\\u{number:04x}"
-    )
+    if number < 0x7F:
+        return character.encode("unicode_escape").decode("ascii")
+    return f"\\u{number:04x}"

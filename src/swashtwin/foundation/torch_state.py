@@ -1,4 +1,4 @@
-"""Torch's random numbers for one piece of work, without a change of what the process shares."""
+"""Random numbers of torch for one task, without changing the process's generator."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +9,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 
 class TorchStream(TorchDispatchMode):
-    """Within it, every random number that torch draws in this thread is of a generator of its own.
+    """Context in which torch draws all random numbers of this thread from a separate generator.
 
     Weights, dropout and noise of any module draw the numbers that they would draw right after
     ``torch.manual_seed(seed)``, whatever other threads do. The process's generator is neither read
@@ -38,13 +38,13 @@ class TorchStream(TorchDispatchMode):
         self._generators: dict[str, torch.Generator] = {}
 
     def restart(self, seed: int) -> None:
-        """Go on as a new one of that seed, with the same generators."""
+        """Restart from another seed, with the same generators."""
         self._seed = seed
         for generator in self._generators.values():
             generator.manual_seed(seed)
 
     def generator(self, device: torch.device | str) -> torch.Generator:
-        """What numbers on a device are drawn from."""
+        """Return the generator of a device."""
         name = "cpu" if str(device) == "meta" else str(device)
         if name not in self._generators:
             self._generators[name] = torch.Generator(name).manual_seed(self._seed)
@@ -52,9 +52,7 @@ class TorchStream(TorchDispatchMode):
 
     @classmethod
     def _should_skip_dynamo(cls) -> bool:
-        """No: to skip it torch would import its compiler, which takes longer than a whole
-        diagnosis.
-        """
+        """Return False, since torch otherwise imports its compiler, slower than a diagnosis."""
         return False
 
     def __torch_dispatch__(
@@ -64,27 +62,29 @@ class TorchStream(TorchDispatchMode):
         args: tuple[Any, ...] = (),
         kwargs: Mapping[str, Any] | None = None,
     ) -> Any:
-        """Result of an operation; one that draws takes the generator."""
+        """Run an operation, with the generator if it draws random numbers."""
         kwargs = dict(kwargs or {})
         if (
             torch.Tag.nondeterministic_seeded not in func.tags
             or kwargs.get("generator") is not None
         ):
             return func(*args, **kwargs)
+
         name = func.overloadpacket.__name__
         tensors = [value for value in args if isinstance(value, Tensor)]
         generator = self.generator(
             kwargs.get("device") or (tensors[0].device if tensors else "cpu")
         )
+
+        # Fused kernels that take no generator are replaced by their parts.
         if name == "native_dropout":
             return _dropout(*args, generator=generator)
         if name in ("randn_like", "rand_like"):
             empty = torch.empty_like(args[0], **kwargs)
-            return (
-                empty.normal_(generator=generator)
-                if name == "randn_like"
-                else empty.uniform_(generator=generator)
-            )
+            if name == "randn_like":
+                return empty.normal_(generator=generator)
+            return empty.uniform_(generator=generator)
+
         if any(argument.name == "generator" for argument in func._schema.arguments):
             return func(*args, **{**kwargs, "generator": generator})
         if hasattr(func.overloadpacket, "generator"):
@@ -95,9 +95,7 @@ class TorchStream(TorchDispatchMode):
 def _dropout(
     x: Tensor, share: float, train: bool | None, *, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
-    """What ``aten.native_dropout`` gives, a fused kernel that takes no generator: the result, and
-    what was kept.
-    """
+    """Return result and mask of ``aten.native_dropout``, a fused kernel without a generator."""
     if train is False or share == 0:
         return x.clone(), torch.ones_like(x, dtype=torch.bool)
     mask = torch.empty_like(x).bernoulli_(1 - share, generator=generator)

@@ -1,7 +1,7 @@
-"""SI inside, the units of the trade at the edge.
+"""Conversion of practical units to SI at the edge of the package.
 
-The only module that knows a number may be anything but SI. Code writes ``MPa(15)``; text (TOML
-files, the command line) writes ``"15 MPa"`` and is read by `parse_quantity`, which refuses a bare number.
+The only module in which a number may have another unit. Code writes ``MPa(15)``; text (TOML files,
+the command line) writes ``"15 MPa"`` and is read by `parse_quantity`, which refuses a bare number.
 
 Examples
 --------
@@ -24,42 +24,41 @@ if TYPE_CHECKING:
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*")
 _UNIT = re.compile(r"(?:1\s*/)?(?:[^\W\d]\w*+|(?:\^|\*\*)-?[1-9](?!\w)|[%°*/·()]|\s)*")
 """Names, products, quotients and powers of one digit: no second number, and nothing that takes long
-to work out.
-"""
+to evaluate."""
 
 
 def rpm(value: float) -> float:
-    """Angular speed [rad/s] of `value` revolutions per minute."""
+    """Return the angular speed [rad/s] of `value` revolutions per minute."""
     return value * 2 * math.pi / 60
 
 
 def MPa(value: float) -> float:
-    """Pressure [Pa] of `value` megapascal."""
+    """Return the pressure [Pa] of `value` megapascal."""
     return value * 1e6
 
 
 def bar(value: float) -> float:
-    """Pressure [Pa] of `value` bar."""
+    """Return the pressure [Pa] of `value` bar."""
     return value * 1e5
 
 
 def mm(value: float) -> float:
-    """Length [m] of `value` millimeters."""
+    """Return the length [m] of `value` millimeters."""
     return value * 1e-3
 
 
 def um(value: float) -> float:
-    """Length [m] of `value` micrometers."""
+    """Return the length [m] of `value` micrometers."""
     return value * 1e-6
 
 
 def deg(value: float) -> float:
-    """Angle [rad] of `value` degrees."""
+    """Return the angle [rad] of `value` degrees."""
     return math.radians(value)
 
 
 def celsius(value: float) -> float:
-    """Temperature [K] of `value` degrees Celsius."""
+    """Return the temperature [K] of `value` degrees Celsius."""
     return value + 273.15
 
 
@@ -73,22 +72,18 @@ _COMMON = {
     "Pa": ("Pa", 1.0), "kPa": ("Pa", 1e3), "MPa": ("Pa", 1e6), "bar": ("Pa", 1e5), "mbar": ("Pa", 1e2),
     "N": ("N", 1.0), "V": ("V", 1.0), "K": ("K", 1.0), "1": ("1", 1.0),
 }  # fmt: skip
-"""SI unit and factor of the units in daily use. Every other unit is looked up with pint, which
-takes half a second to build its registry.
-"""
-_TURNS = dict.fromkeys(
+"""SI unit and factor of the units in daily use. Other units are looked up with pint, which takes
+half a second to build its registry."""
+_SHAFT_SPEEDS = dict.fromkeys(
     ("rpm", "r/min", "rev/min", "1/min", "/min", "min^-1", "min-1", "U/min", "Upm"), math.pi / 30
 )
-_TURNS |= dict.fromkeys(("Hz", "rev/s", "r/s", "rps"), 2 * math.pi)
-"""Angular speed [rad/s] of one unit of a shaft's speed. Hertz are its turns per second; 1/s may be
-rad/s as well.
-"""
+_SHAFT_SPEEDS |= dict.fromkeys(("Hz", "rev/s", "r/s", "rps"), 2 * math.pi)
+"""Angular speed [rad/s] of one unit of a shaft's speed. Hertz are its turns per second; 1/s is
+not accepted, since it may be rad/s as well."""
 _CASELESS = ("Pa", "hPa", "kPa", "MPa", "bar", "psi", "Hz", "kHz", "rpm", "U/min", "degC")
-"""Units that are understood in any case of letters; millipascal (mPa) is not meant by any of
-them.
-"""
+"""Units that are understood in any case of letters, but for mPa (millipascal)."""
 _SPELLINGS = {"g": "g_0", "gn": "g_0", "G": "g_0", "mg": "mg_0", "m/s/s": "m/s^2"}
-"""Units of acceleration by their usual names, which mean a mass elsewhere."""
+"""Common names of units of acceleration; pint takes g for gram."""
 _POWERS = {"²": "^2", "³": "^3", "⁻¹": "^-1", "**": "^"}
 
 
@@ -101,7 +96,7 @@ def _registry() -> "UnitRegistry":
     return registry
 
 
-def _unit(text: str) -> "Unit | None":
+def _pint_unit(text: str) -> "Unit | None":
     import tokenize
 
     import pint
@@ -125,8 +120,8 @@ def _dimension(unit: "Unit") -> str:
     return str(_registry().Quantity(1.0, unit).to_root_units().units)
 
 
-def _misfit(number: float, source: "Unit", unit: str) -> str:
-    """What is wrong with a quantity of another dimension than `unit`, and what to write."""
+def _describe_misfit(number: float, source: "Unit", unit: str) -> str:
+    """Describe what is wrong with a quantity of another dimension, and what to write."""
     turns_per_second = {"1 / second": 1.0, "radian / second": 1 / (2 * math.pi)}
     dimension = _dimension(source)
     if unit in ("rad/s", "Hz") and dimension in turns_per_second:
@@ -137,29 +132,32 @@ def _misfit(number: float, source: "Unit", unit: str) -> str:
             return f'is an angular speed; write it as "{turns:g} Hz".'
         return f'is a frequency; write it as "{turns * 60:g} rpm".'
     if unit == "1":
-        return "is no plain number; write it without a unit."
-    return f"is no quantity in {unit}; write it in {unit} or a multiple of it."
+        return "must be a plain number; write it without a unit."
+    return f"is not a quantity in {unit}; write it in {unit} or a multiple of it."
 
 
-def _spelled(text: str, target: str = "") -> str:
-    """A unit as `_COMMON` or pint write it: ``m/s^2`` of ``m/s2``, ``MPa`` of ``Mpa``, in m/s^2
-    ``g_0`` of ``g``.
+def _spell_unit(text: str, target: str = "") -> str:
+    """Return a unit in the spelling of `_COMMON` or pint.
+
+    Such as ``m/s^2`` for ``m/s2``, ``MPa`` for ``Mpa``, and ``g_0`` for ``g`` if `target` is m/s^2.
     """
     for sign, power in _POWERS.items():
         text = text.replace(sign, power)
     if target == "m/s^2" and text in _SPELLINGS:
         return _SPELLINGS[text]
-    if text in _COMMON or text in _TURNS:
+    if text in _COMMON or text in _SHAFT_SPEEDS:
         return text
-    if text != "mPa" and (
-        names := [name for name in _CASELESS if name.casefold() == text.casefold()]
-    ):
-        return names[0]
+    if text != "mPa":
+        for name in _CASELESS:
+            if name.casefold() == text.casefold():
+                return name
     return re.sub(r"(?<=[A-Za-z])([23])(?![\w^])", r"^\1", text)
 
 
-_USUAL = {"rad/s": "rpm", "Pa": "MPa"}
-"""What people write where SI has another unit: a bare 860 is a speed in revolutions per minute."""
+_TYPICAL_UNITS = {"rad/s": "rpm", "Pa": "MPa"}
+"""Unit that people use in place of the SI unit: a bare 860 is a speed in revolutions per minute."""
+_MIN_RATE_HZ = 1000
+"""A bare sample rate below this is probably in kHz."""
 
 
 def is_unit(text: str) -> bool:
@@ -170,30 +168,30 @@ def is_unit(text: str) -> bool:
     >>> is_unit("m/s^2"), is_unit("gg")
     (True, False)
     """
-    text = _spelled(text)
-    return text in _COMMON or _unit(text) is not None
+    text = _spell_unit(text)
+    return text in _COMMON or _pint_unit(text) is not None
 
 
 def parse_quantity(text: object, unit: str, *, name: str = "value") -> float:
-    """SI number of a quantity written with its unit.
+    """Return the SI number of a quantity that is written with its unit.
 
-    Radians and turns count as a dimension: ``"860 rpm"`` is no frequency, ``"14 1/s"`` no angular
-    speed, and ``"1 N*m"`` no stiffness in N m/rad. So a factor of 2 pi is never put in or left out
-    silently. Only the speed of a shaft may be written in ``Hz`` or ``1/min``, which are turns.
-    ``g`` is the acceleration of gravity where an acceleration is due. Slips of the case are
-    understood where they are none of another unit: ``"15 Mpa"``.
+    Radians and turns count as a dimension: ``"860 rpm"`` is not a frequency, ``"14 1/s"`` is not an
+    angular speed, and ``"1 N*m"`` is not a stiffness in N m/rad. So a factor of 2 pi is never added
+    or left out silently. Only the speed of a shaft may be written in ``Hz`` or ``1/min``, which are
+    turns. ``g`` is the acceleration of gravity if an acceleration is required. A wrong case of
+    letters is understood unless it is another unit: ``"15 Mpa"``.
 
     Parameters
     ----------
-    text : one number, its decimal mark a point, and its unit: ``"31 mm"``; a number alone only
-        where `unit` is ``"1"``.
-    unit : SI unit it is wanted in, such as ``"m"``; ``"1"`` is a plain number.
-    name : how the error message calls it.
+    text : one number, its decimal mark a point, and its unit: ``"31 mm"``; a number alone only if
+        `unit` is ``"1"``.
+    unit : SI unit of the result, such as ``"m"``; ``"1"`` is a plain number.
+    name : name of the quantity in an error message.
 
     Raises
     ------
     UnitError
-        No number, no unit, an unknown unit, or one of another dimension.
+        `text` has no number or no unit, or its unit is unknown or of another dimension.
 
     Examples
     --------
@@ -204,58 +202,73 @@ def parse_quantity(text: object, unit: str, *, name: str = "value") -> float:
     ...
     swashtwin.foundation.errors.UnitError: sample_rate = '860 rpm' is an angular speed; write it as "14.3333 Hz".
     """
-    suffix = "" if unit == "1" else f" {unit}"
+    unit_suffix = "" if unit == "1" else f" {unit}"
     if not isinstance(text, str):
         raise UnitError(
-            f'{name} is the bare number {text!r}; write it with its unit, for example "{text}{suffix}".'
+            f"{name} is the bare number {text!r}; write it with its unit, for example "
+            f'"{text}{unit_suffix}".'
         )
     match = _QUANTITY.fullmatch(text)
-    symbol = _spelled(match[2], unit) if match else ""
-    if (
-        match is not None
-        and symbol
-        and (value := _common_value(float(match[1]), symbol, unit)) is not None
-    ):
-        return value
+    if match is None:
+        raise _not_a_quantity(name, text, unit_suffix)
+
+    number = float(match[1])
+    symbol = _spell_unit(match[2], unit)
+    if symbol:
+        value = _common_value(number, symbol, unit)
+        if value is not None:
+            return value
     if unit == "Pa" and symbol == "mPa":
         raise UnitError(
-            f'{name} = {text!r} is in thousandths of a pascal; was "{match and match[1]} MPa" meant?'
+            f'{name} = {text!r} is in thousandths of a pascal; was "{match[1]} MPa" meant?'
         )
-    source, target = _unit(symbol) if match else None, _unit(suffix.strip())
-    if match is None or source is None or target is None:
+
+    source = _pint_unit(symbol)
+    target = _pint_unit(unit_suffix.strip())
+    if source is None or target is None:
+        raise _not_a_quantity(name, text, unit_suffix)
+    if unit_suffix and not match[2]:
+        is_low_rate = "rate" in name and unit == "Hz" and number < _MIN_RATE_HZ
+        typical_unit = "kHz" if is_low_rate else _TYPICAL_UNITS.get(unit, unit)
         raise UnitError(
-            f'{name} = {text!r} is not a quantity; write a number and a unit, "31{suffix}".'
+            f'{name} = {text!r} has no unit; write it with one, for example "{text} '
+            f'{typical_unit}".'
         )
-    if suffix and not match[2]:
-        usual = (
-            "kHz"
-            if "rate" in name and unit == "Hz" and float(match[1]) < 1000
-            else _USUAL.get(unit, unit)
-        )
-        raise UnitError(
-            f'{name} = {text!r} has no unit; write it with one, for example "{text} {usual}".'
-        )
-    number = float(match[1])
     if _dimension(source) != _dimension(target):
-        raise UnitError(f"{name} = {text!r} {_misfit(number, source, unit)}")
+        raise UnitError(f"{name} = {text!r} {_describe_misfit(number, source, unit)}")
+
     value = float(_registry().Quantity(number, source).to(target).magnitude)
     if not math.isfinite(value):
         raise UnitError(f"{name} = {text!r} is not finite.")
-    return float(f"{value:.15g}")  # 1e-3 * 31 in binary is 0.031 again
+    return _round_value(value)
+
+
+def _not_a_quantity(name: str, text: str, unit_suffix: str) -> UnitError:
+    return UnitError(
+        f'{name} = {text!r} is not a quantity; write a number and a unit, "31{unit_suffix}".'
+    )
+
+
+def _round_value(value: float) -> float:
+    """Round to 15 digits, so that 1e-3 * 31 is 0.031 although it is not in binary."""
+    return float(f"{value:.15g}")
 
 
 def _common_value(number: float, source: str, target: str) -> float | None:
-    """Value in `target` of a number in `source`, or None where neither `_COMMON` nor `_TURNS` says
-    it.
-    """
-    if (source, target) == ("degC", "K") and math.isfinite(number):
-        return float(f"{celsius(number):.15g}")
-    if target == "rad/s" and source in _TURNS and math.isfinite(number):
-        return float(f"{number * _TURNS[source]:.15g}")
+    """Return a number of unit `source` in unit `target`; None if the units are not common."""
+    if not math.isfinite(number):
+        return None
+    if (source, target) == ("degC", "K"):
+        return _round_value(celsius(number))
+    if target == "rad/s" and source in _SHAFT_SPEEDS:
+        return _round_value(number * _SHAFT_SPEEDS[source])
     if source not in _COMMON or target not in _COMMON:
         return None
-    (dimension, factor), (other, divisor) = _COMMON[source], _COMMON[target]
-    value = number if source == target else number * factor
-    if dimension != other or (source != target and divisor != 1.0) or not math.isfinite(value):
+
+    source_dimension, source_factor = _COMMON[source]
+    target_dimension, target_factor = _COMMON[target]
+    # Only SI units are targets.
+    if source_dimension != target_dimension or (source != target and target_factor != 1.0):
         return None
-    return float(f"{value:.15g}")
+    value = number if source == target else number * source_factor
+    return _round_value(value) if math.isfinite(value) else None

@@ -237,7 +237,7 @@ def test_a_report_of_control_characters_is_well_formed(diagnosis, tmp_path):
 
 def test_a_diagnosis_alone_makes_a_report(diagnosis, tmp_path):
     page = write_report(diagnosis, folder=tmp_path / "deep" / "report").read_text(encoding="utf-8")
-    assert "taken alone, 3 of 4 windows say so (75 %)" in plain(page)
+    assert "taken alone, 3 of 4 windows give this class (75 %)" in plain(page)
     assert "Of 2 classes this one has a score of 90 %" in plain(page)
     assert "What was not checked" in page
     assert "Suspected fault: piston" in page
@@ -330,7 +330,7 @@ def test_a_users_own_figure_settings_neither_leak_in_nor_out(diagnosis, tmp_path
 
 
 def test_what_cannot_be_reported_is_refused_in_one_line(diagnosis, tmp_path):
-    with pytest.raises(InputError, match=r"no report can be made of a str; give"):
+    with pytest.raises(InputError, match=r"No report can be made of a str: give"):
         build_part("report", key="report")
     with pytest.raises(InputError, match=r"no report can be made of a FaultLaw; give"):
         build_part(FaultLaw(SwashPlateDefect(depth=1e-4), (), {}, 1.0, ()), key="law")

@@ -29,8 +29,8 @@ from swashtwin.signals import LineSpectrum, LineSpectrumKind, spectrum_of
 def confusion(
     counts: np.ndarray | Mapping[tuple[str, str], np.ndarray], classes: Sequence[str]
 ) -> Figure:
-    """Share of each actual class (row) that was given each class (column), in percent; rows add up
-    to 100.
+    """Return a figure of the share of each actual class (row) that was given each class (column),
+    in percent; rows add up to 100.
 
     Parameters
     ----------
@@ -52,50 +52,53 @@ def confusion(
     """
     matrices = counts if isinstance(counts, Mapping) else {("", ""): np.asarray(counts)}
     for matrix in matrices.values():
-        if (
-            np.ndim(matrix) != 2
-            or len(matrix) != len(classes)
-            or np.shape(matrix)[1] < len(classes)
-        ):
-            raise InputError(
-                f"a matrix of the shape {np.shape(matrix)} does not fit {len(classes)} classes; its rows are the "
-                "actual classes, its columns the predicted ones."
-            )
-    down, across = (
-        list(dict.fromkeys(key[0] for key in matrices)),
-        list(dict.fromkeys(key[1] for key in matrices)),
-    )
+        _check_matrix(matrix, classes)
+
+    grid_rows = list(dict.fromkeys(row for row, _ in matrices))
+    grid_columns = list(dict.fromkeys(column for _, column in matrices))
+    height = 1.1 + 2.9 * len(grid_rows)
     figure, axes = create_panels(
-        len(down), len(across), 1.1 + 2.9 * len(down), sharex=True, sharey=True
+        len(grid_rows), len(grid_columns), height, sharex=True, sharey=True
     )
     for (row, column), matrix in matrices.items():
-        panel = axes[down.index(row), across.index(column)]
+        panel = axes[grid_rows.index(row), grid_columns.index(column)]
         _draw_matrix(panel, np.asarray(matrix))
         panel.set_title(", ".join(part for part in (row, column) if part))
+
+    actual = [format_label(label) for label in classes]
     n_columns = max(np.shape(matrix)[1] for matrix in matrices.values())
-    names = [format_label(label) for label in classes]
-    columns = [*names, *["no verdict"] * (n_columns - len(classes))]
-    axes[0, 0].set(xticks=range(n_columns), yticks=range(len(classes)), yticklabels=names)
+    predicted = [*actual, *["no verdict"] * (n_columns - len(classes))]
+    axes[0, 0].set(xticks=range(n_columns), yticks=range(len(classes)), yticklabels=actual)
     for panel in axes[:, 0]:
         panel.set_ylabel("actual class")
     for panel in axes[-1]:
         panel.set_xlabel("predicted class")
         panel.set_xticks(
-            range(len(columns)), columns, rotation=45, ha="right", rotation_mode="anchor"
+            range(n_columns), predicted, rotation=45, ha="right", rotation_mode="anchor"
         )
     return figure
 
 
+def _check_matrix(matrix: np.ndarray, classes: Sequence[str]) -> None:
+    """Refuse a matrix that does not fit the classes."""
+    shape = np.shape(matrix)
+    if len(shape) != 2 or shape[0] != len(classes) or shape[1] < len(classes):
+        raise InputError(
+            f"A matrix of the shape {shape} does not fit {len(classes)} classes: its rows must be "
+            "the actual classes, its columns the predicted ones."
+        )
+
+
 def _draw_matrix(panel: Axes, counts: Num[np.ndarray, "actual predicted"]) -> None:
-    """Shares of each row as shades, and percent written into them."""
+    """Draw the shares of each row as shades, with the percentages."""
     total = counts.sum(axis=1, keepdims=True)
     share = counts / np.maximum(total, 1)
-    edges = np.arange(len(counts) + 1) - 0.5
-    panel.pcolormesh(
-        np.arange(counts.shape[1] + 1) - 0.5, edges, share, cmap="Blues", vmin=0, vmax=1.1
-    )
-    panel.set(aspect="equal", ylim=(edges[-1], edges[0]))
+    row_edges = np.arange(len(counts) + 1) - 0.5
+    column_edges = np.arange(counts.shape[1] + 1) - 0.5
+    panel.pcolormesh(column_edges, row_edges, share, cmap="Blues", vmin=0, vmax=1.1)
+    panel.set(aspect="equal", ylim=(row_edges[-1], row_edges[0]))
     panel.grid(False)
+
     for i, row in enumerate(counts):
         for j, count in enumerate(row):
             if count:
@@ -103,16 +106,14 @@ def _draw_matrix(panel: Axes, counts: Num[np.ndarray, "actual predicted"]) -> No
                 text = f"{100 * share[i, j]:.0f}" if share[i, j] >= 0.01 else "<1"
                 panel.text(j, i, text, ha="center", va="center", color=color, fontsize=9)
         if not total[i, 0]:
-            panel.text(
-                len(row) / 2 - 0.5, i, "none", ha="center", va="center", fontsize=8, color=ON_SHADE
-            )
+            middle = len(row) / 2 - 0.5
+            panel.text(middle, i, "none", ha="center", va="center", fontsize=8, color=ON_SHADE)
 
 
-MOST_POINTS = 3000
-"""Most points drawn of one spectrum; each is the greatest line of its group."""
+MAX_POINTS = 3000
+"""Maximum number of points drawn of one spectrum; each is the greatest line of its group."""
 
-_PISTONS, _SHAFT = CALIBRATED, "#009e73"
-_MARK_KINDS = {False: (_SHAFT, "shaft"), True: (_PISTONS, "piston pass")}
+_MARK_STYLES = {False: ("#009e73", "shaft"), True: (CALIBRATED, "piston pass")}
 """Color and name of a mark, by whether it is of the pistons."""
 
 
@@ -123,14 +124,15 @@ def spectrum(
     *,
     pistons: int | None = None,
 ) -> Figure:
-    """A spectrum of each channel, with the lines that are expected of the shaft and of the pistons.
+    """Return a figure of the spectrum of each channel, with the lines that are expected of the
+    shaft and of the pistons.
 
-    The axis ends a little beyond the last line of the pistons; where their number is not known,
-    with the spectrum.
+    The axis ends a little beyond the last line of the pistons, or with the spectrum if their number
+    is not known.
 
     Parameters
     ----------
-    source : recording, or what `swashtwin.signals.spectrum_of` gave.
+    source : recording, or the result of `swashtwin.signals.spectrum_of`.
     kind : of a recording: ``amplitude`` or ``envelope`` over frequency, ``order`` over multiples of
         the shaft's frequency.
     pistons : of a recording: number of pistons, to mark their lines.
@@ -138,7 +140,7 @@ def spectrum(
     Raises
     ------
     InputError
-        Orders of a recording that states no speed.
+        Orders of a recording that specifies no speed.
 
     Examples
     --------
@@ -146,76 +148,93 @@ def spectrum(
     >>> spectrum(Recording(wave, 1000.0, "a")).axes[0].get_xlabel()
     'frequency [Hz]'
     """
-    spectrum = (
-        spectrum_of(source, kind, pistons=pistons) if isinstance(source, Recording) else source
-    )
-    start, last = spectrum.position[1], float(spectrum.position[-1])
-    end = min(
-        1.1 * max((mark.position for mark in spectrum.marks if mark.of_pistons), default=last), last
-    )
-    is_shown = (spectrum.position >= start) & (spectrum.position <= end)
-    count = len(spectrum.channels)
+    lines = spectrum_of(source, kind, pistons=pistons) if isinstance(source, Recording) else source
+    start = lines.position[1]
+    end = _axis_end(lines)
+    is_shown = (lines.position >= start) & (lines.position <= end)
+    marks = [mark for mark in lines.marks if start <= mark.position <= end]
+
+    count = len(lines.channels)
     figure, axes = create_panels(count, 1, 1.0 + 1.9 * count, sharex=True)
-    marks = [mark for mark in spectrum.marks if start <= mark.position <= end]
-    for panel, name, row, number in zip(
-        axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True
-    ):
-        x, y = _thin_out(spectrum.position[is_shown], row[is_shown])
+    for row, panel in enumerate(axes[:, 0]):
+        x, y = _thin_out(lines.position[is_shown], lines.amplitude[row][is_shown])
         panel.plot(x, y, color=MEASURED, linewidth=0.8)
-        _level_axis(panel, spectrum, y)
-        title = format_label(name)
-        if spectrum.bands:
-            low, high = spectrum.bands[number]
+        _set_amplitude_axis(panel, lines, y)
+        title = format_label(lines.channels[row])
+        if lines.bands:
+            low, high = lines.bands[row]
             title += f", envelope of {low:.0f} to {high:.0f} Hz"
         panel.set_title(title, loc="left")
         for mark in marks:
-            color, _ = _MARK_KINDS[mark.of_pistons]
+            color, _ = _MARK_STYLES[mark.of_pistons]
             panel.axvline(
                 mark.position, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0
             )
-    axes[0, 0].set_xlim(0, end)
-    spots = spread_labels([mark.position for mark in marks], gap=0.035 * end)
-    for mark, spot in zip(marks, spots, strict=True):
-        axes[0, 0].annotate(
-            mark.name, (spot, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
-            ha="center", va="bottom", fontsize=8, color=_MARK_KINDS[mark.of_pistons][0], annotation_clip=False,
-        )  # fmt: skip
+
+    top = axes[0, 0]
+    top.set_xlim(0, end)
+    positions = spread_labels([mark.position for mark in marks], gap=0.035 * end)
+    for mark, position in zip(marks, positions, strict=True):
+        color, _ = _MARK_STYLES[mark.of_pistons]
+        top.annotate(
+            mark.name,
+            (position, 1.0),
+            (0, 2),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=8,
+            color=color,
+            annotation_clip=False,
+        )
+    axes[-1, 0].set_xlabel(f"{lines.axis} [{lines.axis_unit or '1'}]")
+
     if marks:
-        axes[0, 0].set_title(axes[0, 0].get_title(loc="left"), loc="left", pad=16)
-    axes[-1, 0].set_xlabel(f"{spectrum.axis} [{spectrum.axis_unit or '1'}]")
-    if looks := [
-        _MARK_KINDS[of_pistons] for of_pistons in sorted({mark.of_pistons for mark in marks})
-    ]:
-        lines = [Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in looks]
-        figure.legend(lines, [name for _, name in looks], loc="outside upper right", ncols=2)
+        # room for the names of the marks
+        top.set_title(top.get_title(loc="left"), loc="left", pad=16)
+        styles = [_MARK_STYLES[kind] for kind in sorted({mark.of_pistons for mark in marks})]
+        handles = [
+            Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in styles
+        ]
+        figure.legend(handles, [name for _, name in styles], loc="outside upper right", ncols=2)
     return figure
 
 
+def _axis_end(lines: LineSpectrum) -> float:
+    """Return the end of the axis: a little beyond the last line of the pistons if it is known."""
+    last = float(lines.position[-1])
+    piston_lines = [mark.position for mark in lines.marks if mark.of_pistons]
+    return min(1.1 * max(piston_lines, default=last), last)
+
+
 def format_unit(unit: str) -> str:
-    """Unit as figures show it."""
+    """Return a unit as figures show it."""
     return unit.replace("^2", "²") or "1"
 
 
 def _thin_out(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Greatest of each group of neighbors, so that no line is lost."""
-    size = math.ceil(len(x) / MOST_POINTS)
-    if size == 1:
+    """Return the greatest of each group of neighbors, so that no line is lost."""
+    group_size = math.ceil(len(x) / MAX_POINTS)
+    if group_size == 1:
         return x, y
-    whole = len(x) // size * size
-    best = y[:whole].reshape(-1, size).argmax(axis=1) + size * np.arange(whole // size)
-    return x[best], y[best]
+    n_groups = len(x) // group_size
+    groups = y[: n_groups * group_size].reshape(n_groups, group_size)
+    greatest = groups.argmax(axis=1) + group_size * np.arange(n_groups)
+    return x[greatest], y[greatest]
 
 
-def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> None:
-    panel.set_ylabel(f"peak amplitude\n[{format_unit(spectrum.unit)}]")
-    if spectrum.kind == "envelope":
+def _set_amplitude_axis(panel: Axes, lines: LineSpectrum, amplitudes: np.ndarray) -> None:
+    """Scale and label the axis of amplitudes: logarithmic, but for envelopes."""
+    panel.set_ylabel(f"peak amplitude\n[{format_unit(lines.unit)}]")
+    if lines.kind == "envelope":
         panel.set_ylim(bottom=0)
         return
-    positive = amplitudes[amplitudes > 0]
+
     panel.set_yscale("log")
+    positive = amplitudes[amplitudes > 0]
     if positive.size:
-        panel.set_ylim(
-            max(float(np.median(positive)) / 5, float(positive.max()) * 1e-5),
-            float(positive.max()) * 2,
-        )
+        greatest = float(positive.max())
+        bottom = max(float(np.median(positive)) / 5, greatest * 1e-5)
+        panel.set_ylim(bottom, greatest * 2)
         label_log_axis(panel.yaxis)

@@ -1,8 +1,9 @@
-"""Colors, settings, panels, axes and labels that all figures share, so that a color means the same
-thing everywhere.
+"""Colors, settings, panels, axes and labels that all figures share.
 
-Okabe and Ito's palette (https://jfly.uni-koeln.de/color/), which color-blind readers can tell
-apart; each training set and each class has its own color, and a marker, a line style or a word
+A color means the same everywhere.
+
+The palette is that of Okabe and Ito (https://jfly.uni-koeln.de/color/), whose colors color-blind
+readers can distinguish; each training set and each class has one color, and a marker, a line style or a word
 repeats it.
 """
 
@@ -25,11 +26,11 @@ CALIBRATED = "#0072b2"
 LIGHT = "#d9d9d9"
 """Gray behind the data: bounds, chance level, the best step."""
 ON_SHADE = "#101010"
-"""Text on a light shade of its own, which stays dark on a dark page."""
+"""Text on a light shade, which stays dark on a dark page."""
 ON_DARK = "#fefefe"
-"""Text on a dark shade of its own, which stays light."""
+"""Text on a dark shade, which stays light."""
 
-_OF_NAMES = {
+_NAMED_COLORS = {
     "measured": MEASURED,
     "nominal": NOMINAL,
     "calibrated": CALIBRATED,
@@ -44,7 +45,7 @@ _OF_NAMES = {
 """Color of each training set, which is also that of the twin before and after calibration, of each
 class, and of the default network.
 """
-_MORE_COLORS = ("#882255", "#44aa99", "#332288", "#999933", "#cc79a7", "#117733")
+_FURTHER_COLORS = ("#882255", "#44aa99", "#332288", "#999933", "#cc79a7", "#117733")
 
 INTERFACE_COLORS = {"slipper_swash": "#d55e00", "block_valve": "#009e73", "piston_bore": "#aa4499"}
 """Color of each interface; its damping is drawn solid, its stiffness dashed."""
@@ -76,7 +77,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Context in which figures look alike, whatever the user's own settings are."""
+    """Return a context in which figures look alike, whatever the user's settings are."""
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
@@ -85,24 +86,30 @@ def figure_style() -> Iterator[None]:
 
 
 def series_colors(names: Sequence[str]) -> dict[str, str]:
-    """Color of each line or class of a figure: the standard one if it has one."""
-    unknown = [name for name in names if name not in _OF_NAMES]
-    more = {name: _MORE_COLORS[number % len(_MORE_COLORS)] for number, name in enumerate(unknown)}
-    return {name: (_OF_NAMES | more)[name] for name in names}
+    """Return the color of each line or class of a figure: the standard one if it has one."""
+    colors = {}
+    n_further = 0
+    for name in names:
+        if name in _NAMED_COLORS:
+            colors[name] = _NAMED_COLORS[name]
+        elif name not in colors:
+            colors[name] = _FURTHER_COLORS[n_further % len(_FURTHER_COLORS)]
+            n_further += 1
+    return colors
 
 
 def create_panels(
     rows: int, columns: int, height: float, **options: Any
 ) -> tuple[Figure, np.ndarray]:
-    """Empty figure of the common width and a `height` [inch], and its axes as an array of (row,
-    column).
+    """Return an empty figure of the common width and a `height` [inch], and its axes as an array of
+    (row, column).
     """
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def spread_labels(positions: Sequence[float], gap: float) -> list[float]:
-    """Positions moved as little as possible so that labels are `gap` apart, in order.
+    """Return the positions moved as little as possible so that labels are `gap` apart, in order.
 
     Examples
     --------
@@ -111,27 +118,30 @@ def spread_labels(positions: Sequence[float], gap: float) -> list[float]:
     """
     from scipy.optimize import isotonic_regression
 
-    order, steps = np.argsort(positions, kind="stable"), gap * np.arange(len(positions))
+    # less the gaps below them, positions that are far enough apart do not fall
+    order = np.argsort(positions, kind="stable")
+    gaps = gap * np.arange(len(positions))
+    reduced = np.asarray(positions, dtype=float)[order] - gaps
     moved = np.empty(len(order))
-    moved[order] = isotonic_regression(np.asarray(positions, dtype=float)[order] - steps).x + steps
-    return [round(float(spot), 12) for spot in moved]
+    moved[order] = isotonic_regression(reduced).x + gaps
+    return [round(float(position), 12) for position in moved]
 
 
 def label_log_axis(axis: Axis) -> None:
-    """Label a logarithmic axis 0.1, 1, 10, and between them where it spans few decades."""
+    """Label a logarithmic axis 0.1, 1, 10, and values between if it spans few decades."""
     low, high = axis.get_view_interval()
-    steps = (
-        (1,)
-        if high / low > 200
-        else (1, 2, 5)
-        if high / low > 4
-        else (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
-    )
+    steps: tuple[float, ...]
+    if high / low > 200:
+        steps = (1,)
+    elif high / low > 4:
+        steps = (1, 2, 5)
+    else:
+        steps = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
     axis.set_major_locator(LogLocator(subs=steps))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
 
 
 def format_label(label: str) -> str:
-    """Name of a class, a sensor or a setting in words, without control characters."""
+    """Return the name of a class, a sensor or a setting in words, without control characters."""
     return escape_controls(label.replace("_", " "))

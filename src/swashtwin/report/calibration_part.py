@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,11 +27,11 @@ from swashtwin.plot import (
 from swashtwin.pump import PARAMETERS
 from swashtwin.recordings import RecordingSummary
 from swashtwin.report.drawing import Drawing, render_drawing
-from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
+from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table, Tone
 from swashtwin.report.wording import (
     add_bar_values,
     build_facts_table,
-    end_sentence,
+    capitalize_sentence,
     flatten_settings,
     format_number,
     format_number_cell,
@@ -39,7 +40,7 @@ from swashtwin.report.wording import (
     rig_notice,
 )
 
-FIGURES = MappingProxyType(
+ERROR_LABELS = MappingProxyType(
     {
         "rmse": "RMSE of the waveforms [m/s²]",
         "relative_rmse": "RMSE over the RMS of the measured waveform",
@@ -48,484 +49,513 @@ FIGURES = MappingProxyType(
         "spectral_correlation": "correlation of the lines' levels in dB",
     }
 )
-"""How well a twin fits its recordings, by name: in words."""
+"""Labels of the fields of an `Agreement`."""
+_MIN_IDENTIFIED = 3
+"""Identified values from which a calibration is shown as good news."""
+_MAX_CARD_NOTES = 3
+"""Notes shown on the card; the others stand in the section."""
 
 
 def build_calibration_part(calibration: Calibration, key: str) -> Part:
-    """Part of the page about one calibration."""
+    """Return the part of the page about one calibration."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
-    change = _change(calibration, "spectrum_value_error")
+    change = _describe_change(calibration, "spectrum_value_error")
+    conditions = describe_conditions(calibration)
+    summary = summarize_calibration(calibration)
     has_improved = (
         calibration.calibrated_agreement.spectrum_value_error
         < calibration.nominal_agreement.spectrum_value_error
     )
+
+    tone: Tone = "bad"
+    if has_improved:
+        tone = "good" if counts["identified"] >= _MIN_IDENTIFIED else "unsure"
+
     provenance = build_facts_table(
         "How the calibration was made.",
         [
             ("method", calibration.method),
             *flatten_settings(calibration.settings),
-            ("condition", describe_conditions(calibration)),
+            ("operating point", conditions),
             ("simulations", calibration.simulations),
             ("time taken", f"{format_number(calibration.wall_s)} s"),
             ("swashtwin version", calibration.version),
             ("calibration recordings", list(calibration.recording_ids)),
         ],
     )
-    more = Bullets("More to know", tuple(map(end_sentence, calibration.notes[_MOST_NOTES:])))
+    notes = [capitalize_sentence(note) for note in calibration.notes]
+    further_notes = Bullets("Further notes", tuple(notes[_MAX_CARD_NOTES:]))
+    blocks = (further_notes, *build_calibration_blocks(calibration, key)[1:])
     return Part(
         title=f"Calibration of {calibration.twin.pump.name}",
-        answer=summarize_calibration(calibration)[:1],
+        answer=summary[:1],
         notice=rig_notice(RecordingSummary(origin=calibration.origin)),
         sections=(
-            Section(
-                SectionOrder.CALIBRATION,
-                "Calibration",
-                (more, *build_calibration_blocks(calibration, key)[1:]),
-            ),
-            Section(SectionOrder.PROVENANCE, "Where the calibration comes from", (provenance,)),
+            Section(SectionOrder.CALIBRATION, "Calibration", blocks),
+            Section(SectionOrder.PROVENANCE, "Provenance of the calibration", (provenance,)),
         ),
         results={"calibrations": [calibration.to_dict()]},
         verdict=f"Spectrum error {change}; {counts['identified']} of 6 values identified",
-        tone="bad" if not has_improved else "good" if counts["identified"] >= _ENOUGH else "unsure",
-        certainty=(
-            *summarize_calibration(calibration)[:0:-1],
-            *map(end_sentence, calibration.notes[:_MOST_NOTES]),
-        ),
-        actions=_actions(calibration, has_improved),
+        tone=tone,
+        # the verdicts of the values before the remark on the recordings
+        certainty=(*reversed(summary[1:]), *notes[:_MAX_CARD_NOTES]),
+        actions=_recommend_actions(calibration, has_improved=has_improved),
         facts=(
             ("Pump", calibration.twin.pump.name),
-            ("Condition", add_bar_values(describe_conditions(calibration))),
+            ("Condition", add_bar_values(conditions)),
             ("Method", calibration.method),
             ("Recordings", str(len(calibration.recording_ids))),
         ),
     )
 
 
-_ENOUGH, _MOST_NOTES = 3, 3
-
-
-def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
-    """What to do with the result."""
+def _recommend_actions(calibration: Calibration, *, has_improved: bool) -> tuple[str, ...]:
+    """Return what to do with the result."""
     if not has_improved:
         return (
             "Do not use this twin: check speed, pressure, units and the pump's parameters first.",
         )
-    weak = [
+
+    uncertain = [
         estimate.symbol for estimate in calibration.estimates if estimate.verdict != "identified"
     ]
-    caution = (
-        (
-            f"Do not read {', '.join(weak)} as measured values of the pump; swashtwin twin next says which recording "
-            "would tell most of them.",
+    actions = []
+    if uncertain:
+        actions.append(
+            f"Do not read {', '.join(uncertain)} as measured values of the pump; swashtwin twin "
+            "next shows which further recording would determine them best."
         )
-        if weak
-        else ()
-    )
-    if len(weak) == len(calibration.estimates):
-        return (
-            *caution,
-            "Do not synthesize with this twin before its misfit is explained: see the notes.",
+    if len(uncertain) == len(calibration.estimates):
+        actions.append(
+            "Do not synthesize with this twin before its misfit is explained: see the notes."
         )
-    return (*caution, "Use the twin for recordings nobody has: swashtwin synthesize.")
+    else:
+        actions.append("Synthesize recordings that you do not have: swashtwin synthesize.")
+    return tuple(actions)
 
 
 def summarize_calibration(calibration: Calibration) -> tuple[str, ...]:
-    """What came out, in plain words."""
-    spectrum, waveform = (_change(calibration, name) for name in ("spectrum_value_error", "rmse"))
+    """Return the result in sentences: what came out, what it is not, and the verdicts."""
+    twin = calibration.twin
+    spectrum_change = _describe_change(calibration, "spectrum_value_error")
+    waveform_change = _describe_change(calibration, "rmse")
     return (
-        f"The twin of {calibration.twin.pump.name} ({describe_conditions(calibration)}, "
-        f"{format_label(calibration.twin.label)}) "
-        f"was calibrated with {calibration.method} on {plural(len(calibration.recording_ids), 'recording')}. The error "
-        f"of its spectrum (SVE) {spectrum}; that of its waveform (RMSE) {waveform} m/s².",
+        f"The twin of {twin.pump.name} ({describe_conditions(calibration)}, "
+        f"{format_label(twin.label)}) was calibrated with {calibration.method} on "
+        f"{plural(len(calibration.recording_ids), 'recording')}. The error of its spectrum (SVE) "
+        f"{spectrum_change}; that of its waveform (RMSE) {waveform_change} m/s².",
         "These are the recordings it was calibrated on, so neither number is a test.",
         f"Of the six values {describe_verdicts(calibration)}.",
     )
 
 
-def _change(calibration: Calibration, name: str) -> str:
-    before, after = (
-        getattr(fit, name)
-        for fit in (calibration.nominal_agreement, calibration.calibrated_agreement)
-    )
-    verb = "fell" if after < before else "ROSE" if after > before else "stayed"
-    return f"{verb} from {format_number(before)} to {format_number(after)}"
+def _describe_change(calibration: Calibration, name: str) -> str:
+    """Return how an error changed by calibration, such as ``fell from 0.8 to 0.1``."""
+    nominal = getattr(calibration.nominal_agreement, name)
+    calibrated = getattr(calibration.calibrated_agreement, name)
+    if calibrated < nominal:
+        verb = "fell"
+    elif calibrated > nominal:
+        verb = "ROSE"
+    else:
+        verb = "stayed"
+    return f"{verb} from {format_number(nominal)} to {format_number(calibrated)}"
 
 
 def describe_verdicts(calibration: Calibration) -> str:
-    """How many values have which verdict, such as ``"4 are identified, 2 are weak"``."""
+    """Return how many values have which verdict, such as ``"4 are identified, 2 are weak"``."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
-    named = [
-        f"{count} {'is' if count == 1 else 'are'} {verdict.replace('at bound', 'at a bound')}"
-        for verdict, count in counts.most_common()
-    ]
-    return ", ".join(named)
+    parts = []
+    for verdict, count in counts.most_common():
+        verb = "is" if count == 1 else "are"
+        parts.append(f"{count} {verb} {verdict.replace('at bound', 'at a bound')}")
+    return ", ".join(parts)
 
 
 def describe_conditions(calibration: Calibration) -> str:
-    """Speed and pressure of the twin, or of every operating point where several were fitted
+    """Return speed and pressure of the twin, or of every operating point if several were fitted
     together.
     """
-    several = len(calibration.fits) > 1
-    points: dict[str, list[str]] = {}
-    for condition in (
-        [fit.condition for fit in calibration.fits] if several else [calibration.twin.condition]
-    ):
+    conditions = [fit.condition for fit in calibration.fits]
+    if len(conditions) <= 1:
+        conditions = [calibration.twin.condition]
+
+    pressures_by_speed: dict[str, list[str]] = {}
+    for condition in conditions:
         speed = f"{condition.speed * 30 / math.pi:.4g} rev/min"
-        points.setdefault(speed, []).append(f"{condition.discharge_pressure / 1e6:.3g}")
+        pressure = f"{condition.discharge_pressure / 1e6:.3g}"
+        pressures_by_speed.setdefault(speed, []).append(pressure)
     return "; ".join(
-        f"{speed}, {' and '.join(pressures)} MPa" for speed, pressures in points.items()
+        f"{speed}, {' and '.join(pressures)} MPa" for speed, pressures in pressures_by_speed.items()
     )
 
 
-def build_calibration_blocks(calibration: Calibration, key: str) -> tuple:
-    """Notes, tables and figures of one calibration."""
-    pictures = calibration_drawings(calibration, key)
-    excluded_recordings = tuple(
-        f"{name}: {reason}" for name, reason in calibration.excluded_recordings
+def build_calibration_blocks(calibration: Calibration, key: str) -> tuple[Any, ...]:
+    """Return notes, tables and figures of one calibration."""
+    n_used = len(calibration.recording_ids)
+    n_excluded = len(calibration.excluded_recordings)
+    reasons = tuple(f"{name}: {reason}" for name, reason in calibration.excluded_recordings)
+    recordings = Group(
+        f"Recordings: {n_used} used, {n_excluded} excluded",
+        (Bullets("Used", calibration.recording_ids), Bullets("Excluded", reasons)),
+        is_open=False,
     )
-    title = (
-        f"Recordings: {len(calibration.recording_ids)} used, {len(excluded_recordings)} left out"
+    return (
+        Bullets("Read this first", calibration.notes),
+        fit_table(calibration),
+        estimates_table(calibration),
+        directions_table(calibration),
+        *calibration_drawings(calibration, key),
+        recordings,
     )
-    recordings = (
-        Bullets("Used", calibration.recording_ids),
-        Bullets("Left out", excluded_recordings),
-    )
-    tables = fit_table(calibration), estimates_table(calibration), directions_table(calibration)
-    notes = Bullets("Look at this first", calibration.notes)
-    return (notes, *tables, *pictures, Group(title, recordings, is_open=False))
 
 
 def fit_table(calibration: Calibration) -> Table:
-    """RMSE, PE and SVE before and after."""
-    before, after = asdict(calibration.nominal_agreement), asdict(calibration.calibrated_agreement)
+    """Return RMSE, PE and SVE before and after calibration."""
+    nominal = asdict(calibration.nominal_agreement)
+    calibrated = asdict(calibration.calibrated_agreement)
+    improvement = calibration.improvement
+
     rows = []
-    for name, label in FIGURES.items():
-        share = calibration.improvement.get(name, math.nan) if before[name] else math.nan
-        change = (
-            f"{'−' if share > 0 else '+'}{format_percent(abs(share))}"
-            if math.isfinite(share)
-            else "—"
-        )
-        rows.append(
-            (label, format_number_cell(before[name]), format_number_cell(after[name]), change)
-        )
+    for name, label in ERROR_LABELS.items():
+        fall = improvement.get(name, math.nan) if nominal[name] else math.nan
+        change = "—"
+        if math.isfinite(fall):
+            sign = "−" if fall > 0 else "+"
+            change = f"{sign}{format_percent(abs(fall))}"
+        cells = format_number_cell(nominal[name]), format_number_cell(calibrated[name])
+        rows.append((label, *cells, change))
     return Table(
-        "Difference between the twin and the recordings it was calibrated on. Errors: smaller is better. Correlation: "
-        "1 is a spectrum of the same shape, whatever its level.",
+        "Difference between the twin and the recordings it was calibrated on. Errors: smaller is "
+        "better. Correlation: 1 is a spectrum of the same shape, whatever its level.",
         ("", "before (nominal)", "after (calibrated)", "change"),
         tuple(rows),
     )
 
 
+def _describe_verdict(estimate: Estimate) -> str:
+    """Return the verdict, with the value that it is correlated with."""
+    if estimate.correlated_with is None:
+        return estimate.verdict
+    return f"{estimate.verdict}, correlated with {estimate.correlated_with}"
+
+
 def estimates_table(calibration: Calibration) -> Table:
-    """The six values with intervals and verdicts."""
+    """Return the six values with intervals and verdicts."""
     rows = []
     for estimate in calibration.estimates:
-        traded = f", traded with {estimate.correlated_with}" if estimate.correlated_with else ""
         unit = estimate.unit.replace("*", "·")
         name = f"{estimate.symbol}, {format_parameter(estimate.name)} [{unit}]"
-        values = format_number_cell(estimate.nominal), format_number_cell(estimate.value)
-        rows.append((name, *values, describe_interval(estimate), f"{estimate.verdict}{traded}"))
+        rows.append(
+            (
+                name,
+                format_number_cell(estimate.nominal),
+                format_number_cell(estimate.value),
+                describe_interval(estimate),
+                _describe_verdict(estimate),
+            )
+        )
     return Table(
-        "The six values. Identified: 90 % within a factor of 1.5. Weak: less certain. Not identified: the measurement "
-        "adds little to the bounds. At bound: a bound stopped the search, often because a constant is wrong. "
-        "Traded: the two can change together at almost the same spectrum.",
+        "The six values. Identified: 90 % within a factor of 1.5. Weak: less certain. Not "
+        "identified: the measurement adds little to the bounds. At bound: a bound stopped the "
+        "search, often because a constant is wrong. Correlated: the two values can change together "
+        "at almost the same spectrum.",
         ("value", "nominal", "calibrated", "90 % interval", "verdict"),
         tuple(rows),
     )
 
 
 def directions_table(calibration: Calibration) -> Table:
-    """Independent combinations of the six values."""
-    posterior, letters = (
-        calibration.posterior,
-        tuple(estimate.symbol for estimate in calibration.estimates),
-    )
+    """Return independent combinations of the six values."""
+    posterior = calibration.posterior
+    symbols = tuple(estimate.symbol for estimate in calibration.estimates)
     prior = posterior.unknowns.deviation[VALUE_SLICE]
-    variance, directions = np.linalg.eigh(
-        posterior.covariance[VALUE_SLICE, VALUE_SLICE] / np.outer(prior, prior)
-    )
-    directions = directions * np.sign(
-        directions[np.abs(directions).argmax(axis=0), range(len(letters))]
-    )
-    rows = [
-        (format_percent(math.sqrt(max(left, 0.0))), *(f"{weight:+.2f}" for weight in direction))
-        for left, direction in zip(variance, directions.T, strict=True)
-    ]
+    covariance = posterior.covariance[VALUE_SLICE, VALUE_SLICE] / np.outer(prior, prior)
+    variance, directions = np.linalg.eigh(covariance)
+
+    # the largest weight of each direction is positive, since its sign has no meaning
+    largest = np.abs(directions).argmax(axis=0)
+    directions = directions * np.sign(directions[largest, range(len(symbols))])
+
+    rows = []
+    for remaining, direction in zip(variance, directions.T, strict=True):
+        width = format_percent(math.sqrt(max(remaining, 0.0)))
+        rows.append((width, *(f"{weight:+.2f}" for weight in direction)))
     return Table(
-        "Independent combinations of the six values, the best known first: what is left of the width that was assumed "
-        "before, and how much of each value's logarithm is in it.",
-        ("width left", *letters),
+        "Independent combinations of the six values, the best known first: the share of the prior "
+        "width that remains, and the weight of each value's logarithm.",
+        ("remaining width", *symbols),
         tuple(rows),
     )
 
 
 def describe_interval(estimate: Estimate) -> str:
-    """The interval in words; an end set by the bound alone is no limit."""
+    """Return the interval in words; an end set by the bound alone is not a limit."""
     low, high = (format_number(end) for end in estimate.interval)
-    sentences = {
-        (False, False): f"{low} to {high}",
-        (True, False): f"at most {high}",
-        (False, True): f"at least {low}",
-        (True, True): "no limits within the bounds",
-    }
-    return sentences[estimate.open_sides]
+    is_open_below, is_open_above = estimate.open_sides
+    if is_open_below and is_open_above:
+        return "no limits within the bounds"
+    if is_open_below:
+        return f"at most {high}"
+    if is_open_above:
+        return f"at least {low}"
+    return f"{low} to {high}"
 
 
 _RANGE_DB = 60.0
-"""Spectra are shown so far below their strongest line [dB], or to their weakest, whichever is
-less.
-"""
+"""Range of a spectrum below its strongest line [dB]; less if its weakest line is stronger."""
 
 
 def calibration_drawings(calibration: Calibration, key: str) -> list[Drawing]:
-    """Every figure of a calibration, in the order of the page; the name of each file begins with
-    `key`.
+    """Return every figure of a calibration, in the order of the page.
+
+    The name of each file begins with `key`.
     """
-    figures: list[Drawing] = []
     band = calibration.settings.get("band", (math.nan, math.nan))
+    figures: list[Drawing] = []
     for fit in calibration.fits:
-        prefix = (
-            f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa"
-            if len(calibration.fits) > 1
-            else key
-        )
-        figures += [waveforms(fit, prefix, band), spectra(fit, prefix)]
-    return [*figures, estimates(calibration, key), draw_search(calibration, key)]
+        prefix = key
+        if len(calibration.fits) > 1:
+            prefix = f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa"
+        figures += [draw_waveforms(fit, prefix, band), draw_spectra(fit, prefix)]
+    return [*figures, draw_estimates(calibration, key), draw_search(calibration, key)]
 
 
 @figure_style()
-def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
-    """One revolution measured, with the twin before (left) and after (right), a row for each
-    sensor.
+def draw_waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
+    """Draw one revolution measured, with the twin before (left) and after (right) calibration, a
+    row for each sensor.
     """
-    record, channels = fit.waveforms, fit.spectra.channels
-    columns: dict[str, np.ndarray] = {"time_s": record.time}
+    waveforms = fit.waveforms
+    channels = fit.spectra.channels
+    time_ms = waveforms.time * 1e3
+    columns: dict[str, np.ndarray] = {"time_s": waveforms.time}
+
     figure, axes = create_panels(
         len(channels), 2, 1.0 + 1.7 * len(channels), sharex=True, sharey="row"
     )
-    for i, channel in enumerate(channels):
+    for row, channel in enumerate(channels):
+        measured = waveforms.measured[row]
+        columns[f"{channel}_measured"] = measured
         sides = (
-            ("nominal", record.nominal[i], NOMINAL),
-            ("calibrated", record.calibrated[i], CALIBRATED),
+            ("nominal", waveforms.nominal[row], NOMINAL),
+            ("calibrated", waveforms.calibrated[row], CALIBRATED),
         )
-        columns |= {f"{channel}_measured": record.measured[i]}
-        for panel, (name, simulated, color) in zip(axes[i], sides, strict=True):
-            columns |= {f"{channel}_{name}": simulated}
-            panel.plot(
-                record.time * 1e3, record.measured[i], color=MEASURED, linewidth=1.0, alpha=0.65
-            )
-            panel.plot(record.time * 1e3, simulated, color=color, linewidth=1.1)
-        axes[i, 0].set_ylabel(f"{format_label(channel)} [m/s²]")
-    for panel, (name, color) in zip(
-        axes[0], (("nominal", NOMINAL), ("calibrated", CALIBRATED)), strict=True
-    ):
-        when = "before" if name == "nominal" else "after"
-        panel.set_title(f"{when}: {name} twin", color=color, fontweight="bold")
+        for panel, (name, simulated, color) in zip(axes[row], sides, strict=True):
+            columns[f"{channel}_{name}"] = simulated
+            panel.plot(time_ms, measured, color=MEASURED, linewidth=1.0, alpha=0.65)
+            panel.plot(time_ms, simulated, color=color, linewidth=1.1)
+        axes[row, 0].set_ylabel(f"{format_label(channel)} [m/s²]")
+
+    left, right = axes[0]
+    left.set_title("before: nominal twin", color=NOMINAL, fontweight="bold")
+    right.set_title("after: calibrated twin", color=CALIBRATED, fontweight="bold")
     for panel in axes[-1]:
-        panel.set(xlabel="time [ms]", xlim=(0, record.time[-1] * 1e3))
+        panel.set(xlabel="time [ms]", xlim=(0, time_ms[-1]))
+
     low, high = band
     caption = (
-        f"One revolution of recording {fit.recording_ids[0]} (gray) and of the twin (color), both within "
-        f"{low:g} to {high:g} Hz and aligned in time, because the shaft angle at the start of a recording is not known."
+        f"One revolution of recording {fit.recording_ids[0]} (gray) and of the twin (color), both "
+        f"within {low:g} to {high:g} Hz and aligned in time, because the shaft angle at the start "
+        "of a recording is not known."
     )
-    title = f"Waveforms before and after calibration, {_pressure(fit)}"
+    title = f"Waveforms before and after calibration, {_format_pressure(fit)}"
     return render_drawing(f"{key}_waveforms", figure, columns, title=title, caption=caption)
 
 
 @figure_style()
-def spectra(fit: Fit, key: str) -> Drawing:
-    """Line amplitudes measured, before and after, a panel for each sensor, in decibels."""
-    record = fit.spectra
-    count, values = (
-        len(record.channels),
-        ("measured", "deviation", "nominal", "calibrated", "low", "high"),
-    )
+def draw_spectra(fit: Fit, key: str) -> Drawing:
+    """Draw line amplitudes measured, before and after calibration, a panel for each sensor, in
+    decibels.
+    """
+    spectra = fit.spectra
+    count = len(spectra.channels)
     columns = {
-        "channel": np.repeat(record.channels, len(record.orders)),
-        "order": np.tile(record.orders, count),
-        "frequency_hz": np.tile(record.frequency, count),
-        **{name: getattr(record, name).ravel() for name in values},
+        "channel": np.repeat(spectra.channels, len(spectra.orders)),
+        "order": np.tile(spectra.orders, count),
+        "frequency_hz": np.tile(spectra.frequency, count),
     }
+    for name in ("measured", "deviation", "nominal", "calibrated", "low", "high"):
+        columns[name] = getattr(spectra, name).ravel()
+
     figure, axes = create_panels(count, 1, 1.1 + 2.0 * count, sharex=True)
-    for i, panel in enumerate(axes[:, 0]):
-        _spectrum_panel(panel, record, i)
-        panel.set_title(format_label(record.channels[i]), loc="left")
+    for channel, panel in enumerate(axes[:, 0]):
+        _draw_spectrum_panel(panel, spectra, channel)
+        panel.set_title(format_label(spectra.channels[channel]), loc="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=4)
     axes[-1, 0].set_xlabel("frequency [Hz], multiples of the piston-pass frequency")
+
     caption = (
-        "Amplitudes at the multiples of the piston-pass frequency. Bars: one standard deviation of the measured "
-        "amplitude, within recordings or between them. Blue band: 90 % of the twins drawn from the posterior; "
-        "noise and model error are not in it. 20 dB are a factor of 10. Lines more than "
-        f"{_RANGE_DB:g} dB below the strongest are drawn at the lower edge, as zero is."
+        "Amplitudes at the multiples of the piston-pass frequency. Bars: one standard deviation of "
+        "the measured amplitude, within recordings or between them. Blue band: 90 % of the twins "
+        "drawn from the posterior; noise and model error are not included. 20 dB are a factor of "
+        f"10. Lines more than {_RANGE_DB:g} dB below the strongest are drawn at the lower edge, as "
+        "zero is."
     )
-    title = f"Spectra before and after calibration, {_pressure(fit)}"
+    title = f"Spectra before and after calibration, {_format_pressure(fit)}"
     return render_drawing(f"{key}_spectra", figure, columns, title=title, caption=caption)
 
 
-def _pressure(fit: Fit) -> str:
+def _format_pressure(fit: Fit) -> str:
     return f"{fit.condition.discharge_pressure / 1e6:.4g} MPa"
 
 
-def _spectrum_panel(panel: Axes, record: Spectra, i: int) -> None:
-    lines = np.stack([record.measured[i], record.nominal[i], record.calibrated[i]])
+def _draw_spectrum_panel(panel: Axes, spectra: Spectra, channel: int) -> None:
+    """Draw the lines of one sensor."""
+    frequency = spectra.frequency
+    measured = spectra.measured[channel]
+    lines = np.stack([measured, spectra.nominal[channel], spectra.calibrated[channel]])
     top = 20 * math.log10(max(lines.max(), 1e-9))
-    floor = max(
-        top - _RANGE_DB, 20 * math.log10(lines.min(where=lines > 0, initial=10 ** (top / 20))) - 4
-    )
+    weakest = lines.min(where=lines > 0, initial=10 ** (top / 20))
+    floor = max(top - _RANGE_DB, 20 * math.log10(weakest) - 4)
 
     def decibel(amplitude: np.ndarray) -> np.ndarray:
         return 20 * np.log10(np.maximum(amplitude, 10 ** (floor / 20)))
 
-    for name, color, marker, style in (
-        ("nominal", NOMINAL, "s", "--"),
-        ("calibrated", CALIBRATED, "D", "-"),
-    ):
-        label = f"{name} twin ({'before' if name == 'nominal' else 'after'})"
-        height = decibel(getattr(record, name)[i])
+    twins = (
+        (spectra.nominal, "nominal twin (before)", NOMINAL, "s", "--"),
+        (spectra.calibrated, "calibrated twin (after)", CALIBRATED, "D", "-"),
+    )
+    for amplitude, label, color, marker, style in twins:
+        height = decibel(amplitude[channel])
         panel.plot(
-            record.frequency,
-            height,
-            style,
-            marker=marker,
-            color=color,
-            ms=4,
-            linewidth=0.9,
-            label=label,
+            frequency, height, style, marker=marker, color=color, ms=4, linewidth=0.9, label=label
         )
-    band, label = (
-        (decibel(record.low[i]), decibel(record.high[i])),
-        "calibrated twin, 90 % of its posterior",
-    )
     panel.fill_between(
-        record.frequency, *band, color=CALIBRATED, alpha=0.18, linewidth=0, label=label
+        frequency,
+        decibel(spectra.low[channel]),
+        decibel(spectra.high[channel]),
+        color=CALIBRATED,
+        alpha=0.18,
+        linewidth=0,
+        label="calibrated twin, 90 % of its posterior",
     )
-    low, high = (record.measured[i] + sign * np.nan_to_num(record.deviation[i]) for sign in (-1, 1))
-    panel.vlines(record.frequency, decibel(low), decibel(high), color=MEASURED, linewidth=1.2)
+
+    deviation = np.nan_to_num(spectra.deviation[channel])
+    low = decibel(measured - deviation)
+    high = decibel(measured + deviation)
+    panel.vlines(frequency, low, high, color=MEASURED, linewidth=1.2)
     panel.plot(
-        record.frequency,
-        decibel(record.measured[i]),
-        "o",
-        color=MEASURED,
-        ms=4.5,
-        label="measured",
-        zorder=3,
+        frequency, decibel(measured), "o", color=MEASURED, ms=4.5, label="measured", zorder=3
     )
     panel.set(ylim=(floor - 2, top + 5), ylabel="dB re 1 m/s²")
     panel.yaxis.set_major_locator(MultipleLocator(20 if top - floor > 45 else 10))
 
 
 @figure_style()
-def estimates(calibration: Calibration, key: str) -> Drawing:
-    """The six values over their nominal ones, with intervals, bounds and verdicts."""
-    stated = (
-        "symbol",
-        "unit",
-        "nominal",
-        "value",
-        "interval",
-        "bounds",
-        "verdict",
-        "correlated_with",
-    )
-    shown = {
-        name: [getattr(estimate, name) for estimate in calibration.estimates] for name in stated
+def draw_estimates(calibration: Calibration, key: str) -> Drawing:
+    """Draw the six values over their nominal ones, with intervals, bounds and verdicts."""
+    estimates = calibration.estimates
+    columns: dict[str, list[Any]] = {
+        "parameter": [estimate.name for estimate in estimates],
+        "symbol": [estimate.symbol for estimate in estimates],
+        "unit": [estimate.unit for estimate in estimates],
+        "nominal": [estimate.nominal for estimate in estimates],
+        "value": [estimate.value for estimate in estimates],
+        "verdict": [estimate.verdict for estimate in estimates],
+        "correlated_with": [estimate.correlated_with for estimate in estimates],
+        "interval_low": [estimate.interval[0] for estimate in estimates],
+        "interval_high": [estimate.interval[1] for estimate in estimates],
+        "bound_low": [estimate.bounds[0] for estimate in estimates],
+        "bound_high": [estimate.bounds[1] for estimate in estimates],
     }
-    (low, high), (least, most) = (
-        zip(*shown.pop(name), strict=True) for name in ("interval", "bounds")
-    )
-    ends = {"interval_low": low, "interval_high": high, "bound_low": least, "bound_high": most}
-    columns = {"parameter": [estimate.name for estimate in calibration.estimates], **shown, **ends}
+
     figure, axes = create_panels(1, 1, 3.6)
     panel = axes[0, 0]
-    for height, estimate in enumerate(reversed(calibration.estimates)):
-        _estimate_row(panel, height, estimate)
+    for height, estimate in enumerate(reversed(estimates)):
+        _draw_estimate_row(panel, height, estimate)
     panel.axvline(1, color=NOMINAL, linewidth=1.2)
     panel.text(1, 5.62, "nominal", color=NOMINAL, ha="center", va="bottom", fontsize=9)
-    names = [f"{format_parameter(e.name)}, {e.symbol}" for e in reversed(calibration.estimates)]
+    names = [
+        f"{format_parameter(estimate.name)}, {estimate.symbol}" for estimate in reversed(estimates)
+    ]
     panel.set(ylim=(-0.6, 5.6), yticks=range(len(PARAMETERS)), yticklabels=names)
     panel.grid(axis="y", visible=False)
     panel.set(xscale="log", xlabel="value over nominal value")
     label_log_axis(panel.xaxis)
+
     caption = (
-        "Dot: estimate. Line: 90 % interval, if the model is right. Gray: "
-        "bounds of the search. Filled: identified; hollow: do not use as a measurement. Twins with very "
-        "different values can have the same spectrum, so a good fit does not prove a value."
+        "Dot: estimate. Line: 90 % interval, if the model is right. Gray: bounds of the search. "
+        "Filled: identified; hollow: do not use as a measurement. Twins with very different values "
+        "can have the same spectrum, so a good fit does not prove a value."
     )
     return render_drawing(
         f"{key}_estimates", figure, columns, title="The six values", caption=caption
     )
 
 
-def _estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
+def _draw_estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
+    """Draw one value with its interval and bounds."""
     color = INTERFACE_COLORS[estimate.name.split(".")[0]]
     low, high = (bound / estimate.nominal for bound in estimate.bounds)
+    interval = [end / estimate.nominal for end in estimate.interval]
+    is_identified = estimate.verdict == "identified"
+
     panel.barh(height, high - low, left=low, height=0.5, color="#efefef")
+    panel.plot(interval, [height, height], color=color, linewidth=2.6)
     panel.plot(
-        [end / estimate.nominal for end in estimate.interval],
-        [height, height],
-        color=color,
-        linewidth=2.6,
-    )
-    share, is_constrained = estimate.value / estimate.nominal, estimate.verdict == "identified"
-    panel.plot(
-        share,
+        estimate.value / estimate.nominal,
         height,
         "o",
         color=color,
-        markerfacecolor=color if is_constrained else "white",
+        markerfacecolor=color if is_identified else "white",
         markersize=7,
         zorder=3,
     )
     panel.annotate(
-        f"{estimate.verdict}{f', traded with {estimate.correlated_with}' if estimate.correlated_with else ''}",
-        (1.01, height), xycoords=("axes fraction", "data"), va="center", fontsize=9,
-        fontweight="bold" if is_constrained else "normal",
-    )  # fmt: skip
+        _describe_verdict(estimate),
+        (1.01, height),
+        xycoords=("axes fraction", "data"),
+        va="center",
+        fontsize=9,
+        fontweight="bold" if is_identified else "normal",
+    )
 
 
 @figure_style()
 def draw_search(calibration: Calibration, key: str) -> Drawing:
-    """The loss over the search, and below it the six values, each over its nominal value and named
-    at its end.
-    """
+    """Draw the loss over the search, and below it each of the six values over its nominal value."""
     history = calibration.history
-    step = np.arange(1, len(history.loss) + 1)
+    steps = np.arange(1, len(history.loss) + 1)
     ratio = history.values / [estimate.nominal for estimate in calibration.estimates]
     columns = {
-        "step": step,
+        "step": steps,
         "loss": history.loss,
         "spectrum": history.spectrum_loss,
         "prior": history.prior_loss,
+        "boundary": history.boundary_loss,
     }
-    columns |= {"boundary": history.boundary_loss}
-    columns |= {
-        estimate.symbol: history.values[:, i] for i, estimate in enumerate(calibration.estimates)
-    }
+    for index, estimate in enumerate(calibration.estimates):
+        columns[estimate.symbol] = history.values[:, index]
+
     figure, axes = create_panels(2, 1, 5.4, sharex=True, height_ratios=(2, 3))
-    above, below = axes[:, 0]
-    for panel in (above, below):
+    loss_panel, value_panel = axes[:, 0]
+    for panel in (loss_panel, value_panel):
         panel.axvline(history.best_step + 1, color=LIGHT, linewidth=3)
-    above.plot(step, history.loss, color="#000000")
-    above.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
-    above.set_ylim(bottom=max(above.get_ylim()[0], history.loss.min() / 30))
-    label_log_axis(above.yaxis)
-    low, high = min(0.8, ratio.min() / 1.15), max(1.25, ratio.max() * 1.15)
-    below.set(yscale="log", ylim=(low, high), ylabel="value over nominal value")
-    below.set_xlabel("epoch" if calibration.method == "IPINN" else "simulation from the best start")
-    below.xaxis.set_major_locator(MaxNLocator(integer=True))
-    label_log_axis(below.yaxis)
-    for i, estimate in enumerate(calibration.estimates):
+
+    loss_panel.plot(steps, history.loss, color="#000000")
+    loss_panel.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(steps) + 0.5))
+    loss_panel.set_ylim(bottom=max(loss_panel.get_ylim()[0], history.loss.min() / 30))
+    label_log_axis(loss_panel.yaxis)
+
+    low = min(0.8, ratio.min() / 1.15)
+    high = max(1.25, ratio.max() * 1.15)
+    is_network = calibration.method == "IPINN"
+    value_panel.set(yscale="log", ylim=(low, high), ylabel="value over nominal value")
+    value_panel.set_xlabel("epoch" if is_network else "simulation from the best start")
+    value_panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+    label_log_axis(value_panel.yaxis)
+    for index, estimate in enumerate(calibration.estimates):
         interface, entry = estimate.name.split(".")
         style = "-" if entry == "damping" else "--"
-        below.plot(
-            step, ratio[:, i], style, color=INTERFACE_COLORS[interface], label=estimate.symbol
-        )
+        color = INTERFACE_COLORS[interface]
+        value_panel.plot(steps, ratio[:, index], style, color=color, label=estimate.symbol)
     figure.legend(loc="outside right lower")
+
     caption = (
-        f"Above: loss over the search with {calibration.method}, as that method measures it. Below: solid is damping, "
-        f"dashed stiffness, one color for each interface. The gray line marks the best step, {history.best_step + 1} of "
-        f"{len(step)}; its values are the result."
+        f"Top: loss over the search with {calibration.method}, as that method measures it. Bottom: "
+        "solid is damping, dashed stiffness, one color for each interface. The gray line marks the "
+        f"best step, {history.best_step + 1} of {len(steps)}; its values are the result."
     )
     return render_drawing(f"{key}_search", figure, columns, title="The search", caption=caption)

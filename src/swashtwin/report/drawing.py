@@ -21,12 +21,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
+"""Metadata left out of figures, so that the same data give the same file."""
 _PAGE_COLORS = {
-    "#000000": "ink", "#ffffff": "paper", "#4d4d4d": "measured", "#0072b2": "blue", "#d9d9d9": "light",
-    "#e6e6e6": "grid", "#efefef": "faint", "#009e73": "green", "#d55e00": "orange", "#aa4499": "purple",
+    "#000000": "ink",
+    "#ffffff": "paper",
+    "#4d4d4d": "measured",
+    "#0072b2": "blue",
+    "#d9d9d9": "light",
+    "#e6e6e6": "grid",
+    "#efefef": "faint",
+    "#009e73": "green",
+    "#d55e00": "orange",
+    "#aa4499": "purple",
     "#888888": "gray",
-}  # fmt: skip
+}
 """Colors of figures that the page has a dark form of, by the name of its variable."""
+_PAGE_COLOR = re.compile("|".join(rf"{color}\b" for color in _PAGE_COLORS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,21 +51,21 @@ class Drawing:
     caption: str
     """How to read it."""
     svg: str
-    """The figure as a file of its own."""
+    """The figure as an SVG file."""
     columns: Mapping[str, Sequence[Any] | np.ndarray]
     """Its data, one entry of each column per row."""
     description: str = ""
-    """What it shows, for those who cannot see it."""
+    """What it shows, for screen readers."""
 
     @property
     def csv(self) -> str:
         """The data as text, every number with all its digits."""
-        columns = (map(_plain, column) for column in self.columns.values())
+        columns = (map(_as_plain_value, column) for column in self.columns.values())
         return csv_text(tuple(self.columns), zip(*columns, strict=True))
 
     @property
     def link(self) -> str:
-        """The data as an address that holds them, so that a page alone is enough."""
+        """The data as a data URL, so that a page needs no other file."""
         content = base64.b64encode(self.csv.encode("utf-8", "backslashreplace"))
         return f"data:text/csv;charset=utf-8;base64,{content.decode()}"
 
@@ -67,15 +77,16 @@ class Drawing:
         body = self.svg[self.svg.index("<svg") :]
         for size in ("width", "height"):
             body = re.sub(rf'(<svg[^>]*?) {size}="[^"]*"', r"\1", body, count=1)
+
         body = re.sub(r'\bid="([^"]+)"', rf'id="{self.name}-\1"', body)
         body = re.sub(r'href="#([^"]+)"', rf'href="#{self.name}-\1"', body)
         body = re.sub(r"url\(#([^)]+)\)", rf"url(#{self.name}-\1)", body)
-        colors = re.compile("|".join(rf"{color}\b" for color in _PAGE_COLORS))
-        return re.sub(
-            r'style="[^"]*"',
-            lambda style: colors.sub(lambda color: f"var(--{_PAGE_COLORS[color[0]]})", style[0]),
-            body,
-        )
+        return re.sub(r'style="[^"]*"', _use_page_colors, body)
+
+
+def _use_page_colors(style: re.Match[str]) -> str:
+    """Return a style with the page's variables in place of colors that it has a dark form of."""
+    return _PAGE_COLOR.sub(lambda color: f"var(--{_PAGE_COLORS[color[0]]})", style[0])
 
 
 def render_drawing(
@@ -87,7 +98,7 @@ def render_drawing(
     caption: str,
     description: str = "",
 ) -> Drawing:
-    """The figure as SVG with its data (`Drawing`); call it within `figure_style`."""
+    """Return the figure as SVG with its data; call it within `figure_style`."""
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata=_NO_METADATA)
     svg = text.getvalue().replace("<svg", "<!-- figure of swashtwin -->\n<svg", 1)
@@ -97,12 +108,14 @@ def render_drawing(
 
 
 def tabulate(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Columns of rows that all have the same names."""
+    """Return the columns of rows that all have the same names."""
     rows = list(rows)
-    return {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+    names = rows[0] if rows else ()
+    return {name: [row[name] for row in rows] for name in names}
 
 
-def _plain(value: Any) -> Any:
+def _as_plain_value(value: Any) -> Any:
+    """Return an entry of a CSV file: empty for `None`, Python's number for NumPy's."""
     if value is None:
         return ""
     return value.item() if isinstance(value, np.generic) else value
@@ -110,65 +123,89 @@ def _plain(value: Any) -> Any:
 
 Family = Literal["pistons", "shaft"]
 
-_PISTONS = "Lines at the number of pistons times the shaft, and at multiples of that"
-_SHAFT = "Lines at every multiple of the shaft, between the piston-pass lines"
-
-_MARKS: Mapping[str, tuple[tuple[str, ...], Family, str]] = MappingProxyType(
+_FAMILY_LINES: Mapping[Family, str] = MappingProxyType(
     {
-        "swash_plate": (
+        "pistons": "Lines at the number of pistons times the shaft, and at multiples of that",
+        "shaft": "Lines at every multiple of the shaft, between the piston-pass lines",
+    }
+)
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """What the cutaway shows of a class."""
+
+    parts: tuple[str, ...]
+    """Marked parts of the drawing."""
+    family: Family
+    """Orders that rise."""
+    reason: str
+    """Why these orders rise."""
+
+
+_MARKS: Mapping[str, _Mark] = MappingProxyType(
+    {
+        "swash_plate": _Mark(
             ("swash plate", "slipper"),
             "pistons",
-            "each slipper in turn rides over the same spot of the plate, so it happens once per piston.",
+            "each slipper in turn rides over the same spot of the plate, so it happens once per "
+            "piston.",
         ),
-        "piston": (
-            ("piston",), "shaft", "one piston leaks or knocks more than the others, so it happens once per turn."
+        "piston": _Mark(
+            ("piston",),
+            "shaft",
+            "one piston leaks or knocks more than the others, so it happens once per turn.",
         ),
-        "cylinder_block": (
+        "cylinder_block": _Mark(
             ("cylinder block",),
             "shaft",
-            "one bore or one side of the block differs from the others, so it happens once per turn.",
+            "one bore or one side of the block differs from the others, so it happens once per "
+            "turn.",
         ),
-        "valve_plate": (
+        "valve_plate": _Mark(
             ("valve plate",),
             "pistons",
-            "every cylinder passes the same plate, which stands still, so it happens once per piston.",
+            "every cylinder passes the same plate, which stands still, so it happens once per "
+            "piston.",
         ),
-        "loose_slipper": (
-            ("slipper",), "shaft", "one slipper strikes its stop twice per turn, and the others do not."
+        "loose_slipper": _Mark(
+            ("slipper",),
+            "shaft",
+            "one slipper strikes its stop twice per turn, and the others do not.",
         ),
     }
-)  # fmt: skip
-"""Marked parts of the drawing, which orders rise, and why these, by class. A test compares the
-families with the lines of the twin (docs/explanation/physics.md, section 5).
+)
+"""Marks by class. A test compares the families with the lines of the twin
+(docs/explanation/physics.md, section 5).
 """
 
 
 @dataclass(frozen=True)
 class Cutaway:
-    """The pump, cut open, with a part marked, beside the orders that the part excites."""
+    """The pump, cut open, with a part marked, and the orders that the part excites."""
 
     kind: ClassVar[str] = "cutaway"
     label: str
-    """Class whose part is marked."""
+    """Class whose part is marked; empty for no part."""
     pistons: int | None = None
     """Number of pistons; without it the strip of orders names none."""
     shaft: float | None = None
-    """Shaft frequency [Hz], to say where the orders are."""
+    """Shaft frequency [Hz], to name the frequencies of the orders."""
 
     @property
     def parts(self) -> tuple[str, ...]:
         """Parts that are marked."""
-        return _MARKS[self.label][0] if self.label else ()
+        return _MARKS[self.label].parts if self.label else ()
 
     @property
     def family(self) -> Family:
-        """Which orders rise."""
-        return _MARKS[self.label][1]
+        """Orders that rise."""
+        return _MARKS[self.label].family
 
     @property
     def sentence(self) -> str:
         """Which lines rise, and why."""
-        return f"{_PISTONS if self.family == 'pistons' else _SHAFT}: {_MARKS[self.label][2]}"
+        return f"{_FAMILY_LINES[self.family]}: {_MARKS[self.label].reason}"
 
     @property
     def description(self) -> str:
@@ -179,31 +216,30 @@ class Cutaway:
 
 @cache
 def load_template(name: str) -> Template:
-    """A template of this folder."""
-    loader = PackageLoader("swashtwin.report", "")
-    options = {
-        "autoescape": True,
-        "undefined": StrictUndefined,
-        "trim_blocks": True,
-        "lstrip_blocks": True,
-    }
-    return Environment(loader=loader, **options).get_template(name)  # type: ignore[arg-type]
+    """Return a template of this folder."""
+    environment = Environment(
+        loader=PackageLoader("swashtwin.report", ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(name)
 
 
 def render_cutaway(label: str, pistons: int | None = None, shaft: float | None = None) -> str:
-    """The drawing for a class as HTML, to be colored by the page's style; where `build_cutaways` has
-    none, of no part.
+    """Return the drawing for a class as HTML, to be colored by the page's style.
+
+    If `build_cutaways` has no drawing for the class, no part is marked.
     """
     macro = load_template("cutaway.html.jinja").module.cutaway  # type: ignore[attr-defined]
-    return "".join(
-        macro(drawing)
-        for drawing in build_cutaways(label, pistons, shaft) or (Cutaway("", pistons),)
-    )
+    cutaways = build_cutaways(label, pistons, shaft) or (Cutaway("", pistons),)
+    return "".join(macro(cutaway) for cutaway in cutaways)
 
 
 def build_cutaways(
     label: str, pistons: int | None = None, shaft: float | None = None
 ) -> tuple[Cutaway, ...]:
-    """The drawing for a class; none for a healthy pump, or for a class whose part is not known."""
-    part = label if label in _MARKS else propose_class(label) or ""
-    return (Cutaway(part, pistons, shaft),) if part in _MARKS else ()
+    """Return the drawing for a class; none for a healthy pump, or if the part is not known."""
+    known_class = label if label in _MARKS else propose_class(label) or ""
+    return (Cutaway(known_class, pistons, shaft),) if known_class in _MARKS else ()

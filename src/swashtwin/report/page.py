@@ -1,5 +1,6 @@
-"""What a page is made of: cards, and sections of blocks (a text is a paragraph), which
-`report.html.jinja` draws.
+"""What a page is made of: cards, and sections of blocks, which `report.html.jinja` draws.
+
+A block that is a text is a paragraph.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,7 +32,7 @@ class Bullets:
     title: str
     """Heading."""
     items: tuple[str, ...]
-    """Remarks; without any, the template draws nothing."""
+    """Remarks; if there are none, the template draws nothing."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +62,11 @@ class Group:
 
     kind: ClassVar[str] = "group"
     title: str
-    """Text shown when it is folded."""
+    """Text shown when the group is folded."""
     blocks: tuple[Any, ...]
     """Blocks of any other kind."""
     is_open: bool = True
-    """Whether it starts unfolded; print leaves out what is folded away."""
+    """Whether it starts unfolded; print omits what is folded."""
 
 
 class SectionOrder(IntEnum):
@@ -117,11 +118,11 @@ class Part:
     subject: str = ""
     """What it is about, such as a recording; parts of one subject share a card."""
     facts: tuple[tuple[str, str], ...] = ()
-    """What stands below the title: machine, date, condition, file; by name."""
+    """Facts below the title, by name: machine, date, condition, file."""
 
 
 def iterate_drawings(blocks: tuple[Any, ...]) -> Iterator[Drawing]:
-    """Every figure among the blocks, those in groups included."""
+    """Yield every figure among the blocks, those in groups included."""
     for block in blocks:
         if isinstance(block, Drawing):
             yield block
@@ -129,60 +130,86 @@ def iterate_drawings(blocks: tuple[Any, ...]) -> Iterator[Drawing]:
             yield from iterate_drawings(block.blocks)
 
 
-MOST_CARDS = 2
-"""Subjects that each have a card; of more, a table says what came out."""
+MAX_CARDS = 2
+"""Subjects that each have a card; the results of more are shown in a table."""
 
 
 def build_cards(parts: Sequence[Part]) -> list[Part]:
-    """What the first screen says of each subject, in the order of the parts: its parts as one, by a
-    short title.
+    """Return what the first screen shows of each subject, in the order of the parts.
+
+    The parts of a subject become one, with a short title.
     """
     groups: dict[str, list[Part]] = {}
-    for number, part in enumerate(parts):
-        groups.setdefault(part.subject or f"part {number}", []).append(part)
-    shared, cards = find_shared_facts([group[0] for group in groups.values()]), []
+    for index, part in enumerate(parts):
+        groups.setdefault(part.subject or f"part {index}", []).append(part)
+    shared = find_shared_facts([group[0] for group in groups.values()])
+
+    cards = []
     for group in groups.values():
         first = group[0]
-        differing = (f"{name.lower()} {value}" for name, value in first.facts if name not in shared)
-        about = ", ".join([first.title, *differing]) if len(groups) > 1 else ""
-        cards.append(
-            replace(
-                first,
-                title="" if about == first.verdict else about,
-                answer=tuple(text for part in group for text in part.answer),
-                certainty=tuple(text for part in group for text in part.certainty),
-                actions=tuple(dict.fromkeys(text for part in group for text in part.actions)),
-                glance=tuple(block for part in group for block in part.glance),
-                sections=tuple(section for part in group for section in part.sections),
-            )
-        )
+        title = ""
+        if len(groups) > 1:
+            differing = [
+                f"{name.lower()} {value}" for name, value in first.facts if name not in shared
+            ]
+            title = ", ".join([first.title, *differing])
+        cards.append(_merge_parts(group, title="" if title == first.verdict else title))
     return cards
 
 
+def _merge_parts(group: Sequence[Part], title: str) -> Part:
+    """Return the parts of one subject as one part."""
+    answer: list[str] = []
+    certainty: list[str] = []
+    actions: list[str] = []
+    glance: list[Any] = []
+    sections: list[Section] = []
+    for part in group:
+        answer += part.answer
+        certainty += part.certainty
+        actions += part.actions
+        glance += part.glance
+        sections += part.sections
+    return replace(
+        group[0],
+        title=title,
+        answer=tuple(answer),
+        certainty=tuple(certainty),
+        actions=tuple(dict.fromkeys(actions)),
+        glance=tuple(glance),
+        sections=tuple(sections),
+    )
+
+
 def find_shared_facts(parts: Sequence[Part]) -> dict[str, str]:
-    """What all parts that state facts agree in."""
-    stated = [dict(part.facts) for part in parts if part.facts]
-    first = stated[0] if stated else {}
+    """Return the facts in which all parts that have facts agree."""
+    tables = [dict(part.facts) for part in parts if part.facts]
+    if not tables:
+        return {}
     return {
         name: value
-        for name, value in first.items()
-        if all(facts.get(name) == value for facts in stated)
+        for name, value in tables[0].items()
+        if all(table.get(name) == value for table in tables)
     }
 
 
 def build_overview(parts: Sequence[Part], cards: Sequence[Part]) -> Table | None:
-    """Table of what came out for each subject, where there are many; None otherwise."""
+    """Return a table of the results of all subjects if there are many; `None` otherwise."""
     subjects = list(dict.fromkeys(part.subject for part in parts))
-    if len(cards) <= MOST_CARDS or "" in subjects:
+    if len(cards) <= MAX_CARDS or "" in subjects:
         return None
-    firsts = [next(part for part in parts if part.subject == subject) for subject in subjects]
-    names = list(dict.fromkeys(name for part in firsts for name, _ in part.facts if name != "File"))
-    rows = [
-        (part.subject, part.verdict, *(dict(part.facts).get(name, "—") for name in names),
-         part.certainty[0] if part.certainty else " ".join(part.answer))
-        for part in firsts
-    ]  # fmt: skip
-    caption = f"What came out for {plural(len(rows), 'recording')}; the details are below, each to be unfolded."
-    return Table(
-        caption, ("recording", "result", *(name.lower() for name in names), "how sure"), tuple(rows)
-    )
+
+    first_parts = [next(part for part in parts if part.subject == subject) for subject in subjects]
+    fact_names: dict[str, None] = {}
+    for part in first_parts:
+        fact_names |= {name: None for name, _ in part.facts if name != "File"}
+
+    rows = []
+    for part in first_parts:
+        facts = dict(part.facts)
+        certainty = part.certainty[0] if part.certainty else " ".join(part.answer)
+        values = (facts.get(name, "—") for name in fact_names)
+        rows.append((part.subject, part.verdict, *values, certainty))
+    caption = f"Results of {plural(len(rows), 'recording')}; unfold the details below."
+    header = ("recording", "result", *(name.lower() for name in fact_names), "how sure")
+    return Table(caption, header, tuple(rows))

@@ -1,4 +1,4 @@
-"""Numbers, facts and names as pages write them, and the words of the field that a page explains."""
+"""Numbers, facts and names as pages write them, and the terms of the field that a page explains."""
 
 import math
 import re
@@ -21,8 +21,9 @@ _INTERFACES = {
 
 
 def format_number(value: float | None) -> str:
-    """Three significant digits, large and small ones as powers of ten, ``—`` for NaN, infinity and
-    none.
+    """Return a number with three significant digits.
+
+    Large and small numbers are written as powers of ten; NaN, infinity and `None` as ``—``.
 
     Examples
     --------
@@ -33,14 +34,17 @@ def format_number(value: float | None) -> str:
         return "—"
     if value == 0:
         return "0"
-    mantissa, exponent = f"{value:.2e}".split("e")
-    if not -3 <= int(exponent) <= 4:
-        return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
-    return f"{float(f'{value:.3g}'):.{max(0, 2 - int(exponent))}f}"
+
+    mantissa, exponent_text = f"{value:.2e}".split("e")
+    exponent = int(exponent_text)
+    if not -3 <= exponent <= 4:
+        return f"{mantissa}·10{str(exponent).translate(_SUPERSCRIPTS)}"
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:.{max(0, 2 - exponent)}f}"
 
 
 def format_percent(share: float) -> str:
-    """Share in percent, without decimals but never rounded up to all or down to nothing.
+    """Return a share in percent, without decimals but never rounded up to all or down to nothing.
 
     Examples
     --------
@@ -57,7 +61,7 @@ def format_percent(share: float) -> str:
 
 
 def format_number_cell(value: float | None, reason: str = "") -> Cell:
-    """Cell of a number; for NaN it is ``—``, with the reason as tooltip."""
+    """Return the cell of a number; for NaN it is ``—``, with the reason as tooltip."""
     text = format_number(value)
     if text == "—":
         return Cell(text, reason or "not defined for these data")
@@ -65,7 +69,7 @@ def format_number_cell(value: float | None, reason: str = "") -> Cell:
 
 
 def format_parameter(name: str) -> str:
-    """Name of an interface value in words.
+    """Return the name of an interface value in words.
 
     Examples
     --------
@@ -76,18 +80,18 @@ def format_parameter(name: str) -> str:
     return f"{_INTERFACES[interface]} {quantity}"
 
 
-def end_sentence(text: str) -> str:
-    """A text that begins as a sentence does."""
+def capitalize_sentence(text: str) -> str:
+    """Return a text with a capital first letter."""
     return f"{text[:1].upper()}{text[1:]}"
 
 
 def build_facts_table(caption: str, entries: Iterable[tuple[str, object]]) -> Table:
-    """Table of names and values."""
-    return Table(caption, ("", ""), tuple((name, _plain(value)) for name, value in entries))
+    """Return a table of names and values."""
+    return Table(caption, ("", ""), tuple((name, _format_value(value)) for name, value in entries))
 
 
 def flatten_settings(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
-    """Settings within settings as one list of dotted names."""
+    """Return settings within settings as one list of dotted names."""
     entries: list[tuple[str, object]] = []
     for name, value in settings.items():
         if isinstance(value, Mapping):
@@ -97,18 +101,23 @@ def flatten_settings(settings: Mapping[str, Any], prefix: str = "") -> list[tupl
     return entries
 
 
-def _plain(value: object) -> str:
+def _format_value(value: object) -> str:
+    """Return a value of a setting as text."""
     if value is None:
         return "none"
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, list | tuple):
-        return ", ".join(_plain(entry) for entry in value) or "none"
+        return ", ".join(_format_value(entry) for entry in value) or "none"
     return str(value)
 
 
+_NUMBER = re.compile(r"[0-9.]+")
+_PRESSURES = re.compile(r"([0-9.]+(?:(?:, | and | to | / )[0-9.]+)*) MPa")
+
+
 def add_bar_values(text: str) -> str:
-    """A text with each absolute pressure in bar beside MPa.
+    """Return a text with the value in bar after each absolute pressure in MPa.
 
     Examples
     --------
@@ -116,67 +125,85 @@ def add_bar_values(text: str) -> str:
     '860 rev/min, 10 and 15 MPa (100 and 150 bar absolute)'
     """
 
-    def both(match: re.Match[str]) -> str:
-        return f"{match[0]} ({re.sub(r'[0-9.]+', lambda number: f'{10 * float(number[0]):.4g}', match[1])} bar absolute)"
+    def to_bar(megapascals: re.Match[str]) -> str:
+        return f"{10 * float(megapascals[0]):.4g}"
 
-    return re.sub(r"([0-9.]+(?:(?:, | and | to | / )[0-9.]+)*) MPa", both, text)
+    def with_bar(pressures: re.Match[str]) -> str:
+        return f"{pressures[0]} ({_NUMBER.sub(to_bar, pressures[1])} bar absolute)"
+
+    return _PRESSURES.sub(with_bar, text)
 
 
 def list_facts(facts: RecordingSummary) -> tuple[tuple[str, str], ...]:
-    """(name, value) of each fact that is stated."""
+    """Return (name, value) of each fact that is specified."""
     entries = (
-        _counted("Machine", facts.machine),
+        _match_plural("Machine", facts.machine),
         ("Recorded", facts.date),
         ("Condition", add_bar_values(facts.condition)),
-        _counted("File", facts.file),
+        _match_plural("File", facts.file),
     )
     return tuple((name, value) for name, value in entries if value)
 
 
-def _counted(name: str, value: str) -> tuple[str, str]:
-    """(name, value), the name in the plural where the value lists several or is their number."""
+def _match_plural(name: str, value: str) -> tuple[str, str]:
+    """Return (name, value), the name in the plural if the value lists several or is their
+    number.
+    """
     count = value.removesuffix(f" {name.lower()}s")
-    return (f"{name}s", count) if count != value or ", " in value else (name, value)
+    if count != value or ", " in value:
+        return (f"{name}s", count)
+    return (name, value)
 
 
 def rig_notice(facts: RecordingSummary) -> str:
-    """That recordings are of no real pump; empty unless they state that they are of the virtual
-    rig.
-    """
+    """Return a notice that recordings of the virtual rig are of no real pump; empty for others."""
     if "virtual rig" not in facts.origin:
         return ""
-    return f"Recordings of the {facts.origin}: they stand in for a machine and say nothing about any real one."
+    return (
+        f"Recordings of the {facts.origin}: they stand in for a machine and do not describe any "
+        "real one."
+    )
 
 
 _ORDER = "A frequency as a multiple of the shaft's: what happens seven times per turn has order 7."
-_WINDOW = "A stretch of fixed length, cut out of a recording; the model judges one after the other."
+_WINDOW = "A section of fixed length of a recording; the model classifies each one."
+_AUROC_SCALE = "0.5 is a coin, 1 is perfect."
 TERMS = MappingProxyType(
     {
         "shaft order": _ORDER,
         "order of the shaft": _ORDER,
         "orders": _ORDER,
-        "piston-pass line": "The frequency at which pistons pass: their number times that of the shaft. Healthy pumps "
-        "have this line too.",
+        "piston-pass line": "The frequency at which pistons pass: their number times that of the "
+        "shaft. Healthy pumps have this line too.",
         "window": _WINDOW,
         "windows": _WINDOW,
-        "error rate": "How often such a statement may be wrong, among recordings like those that calibrated it.",
-        "false-alarm rate": "Share of healthy recordings that raise an alarm all the same.",
-        "p-value": "Chance that a healthy recording looks as unusual as this one; small means unusual.",
+        "error rate": "How often such a statement may be wrong, among recordings like those that "
+        "calibrated it.",
+        "false-alarm rate": "Share of healthy recordings that raise an alarm.",
+        "p-value": "Probability that a healthy recording looks at least as unusual as this one; "
+        "small means unusual.",
         "dB": "Decibel, a ratio of levels: 6 dB are twice the amplitude, 20 dB ten times.",
-        "posterior": "What the measurement leaves possible for a value, and how likely each possibility is.",
-        "identified": "The measurement tells the value: with 90 % probability it lies within a factor of 1.5.",
-        "SVE": "Spectrum value error: how far the twin's line amplitudes are from the measured ones; 0 is best.",
+        "posterior": "The values that the measurement leaves possible, and how likely each is.",
+        "identified": "The measurement determines the value: with 90 % probability it lies within "
+        "a factor of 1.5.",
+        "SVE": "Spectrum value error: how far the twin's line amplitudes are from the measured "
+        "ones; 0 is best.",
         "RMSE": "Root mean square error: size of the difference between two waveforms.",
-        "twin": "A physical model of this pump, with values of its own that are fitted to recordings.",
-        "macro recall": "Share found of each class, averaged over the classes: a rare class counts as much.",
-        "macro F1": "Balance of how much of a class is found and how much of what is named is right.",
-        "G-mean": "Geometric mean of the shares found of each class: one class never found makes it 0.",
-        "macro AUROC": "Chance that a class ranks its own recordings above others: 0.5 is a coin, 1 is perfect.",
-        "AUROC": "Chance that a faulty recording ranks above a healthy one: 0.5 is a coin, 1 is perfect.",
-        "expected calibration error": "How far stated probabilities are from how often they come true.",
-        "spreads": "1.4826 times the median absolute deviation: for ordinary scatter, one standard deviation.",
-        "baseline": "What this machine does when it is healthy, at the same speed and pressure.",
-        "kurtosis": "How much the samples spike: 3 for noise, more where there are impacts.",
+        "twin": "A physical model of this pump, whose values are fitted to recordings.",
+        "macro recall": "Share of each class that is classified correctly, averaged over the "
+        "classes: a rare class counts as much.",
+        "macro F1": "Balance of how much of a class is detected and how many of its detections are "
+        "right, averaged over the classes.",
+        "G-mean": "Geometric mean of the recalls of the classes: one class never detected makes it "
+        "0.",
+        "macro AUROC": "Probability that a class ranks its own recordings above others: "
+        + _AUROC_SCALE,
+        "AUROC": "Probability that a faulty recording ranks above a healthy one: " + _AUROC_SCALE,
+        "expected calibration error": "How far probabilities are from how often they come true.",
+        "spreads": "1.4826 times the median absolute deviation: for ordinary scatter, one standard "
+        "deviation.",
+        "baseline": "This machine's healthy recordings at the same speed and pressure.",
+        "kurtosis": "How much the samples spike: 3 for noise, more with impacts.",
         "crest factor": "Highest peak over the root mean square.",
         "C_sw": "Damping between slippers and swash plate.",
         "K_sw": "Stiffness between slippers and swash plate.",
@@ -184,38 +211,44 @@ TERMS = MappingProxyType(
         "K_v": "Stiffness between cylinder block and valve plate.",
         "C_Hz": "Damping between pistons and their bores.",
         "K_Hz": "Stiffness between pistons and their bores.",
-        "G_ε": "Geometric mean of the shares found, with half a window more counted as found and as missed.",
+        "G_ε": "Geometric mean of the recalls, with half a window more counted as right and as "
+        "wrong in each class.",
         "RMS": "Root mean square: strength of the vibration as one number.",
     }
 )
-"""Explanations by word, as the pages spell it."""
+"""Explanations by term, as the pages spell it."""
 
+# longest first, so that "macro AUROC" is not matched as "AUROC"
 _TERM = "|".join(map(re.escape, sorted(TERMS, key=len, reverse=True)))
 _MARKED = re.compile(rf"(\(?)\b({_TERM})\b([),.;:]*)|(?<![\w-])(--[a-z][a-z-]*)")
 
 
 class Glossary:
-    """Which words of a page have been explained; a page has one."""
+    """Terms of a page that have been explained; a page has one glossary."""
 
     def __init__(self) -> None:
         self.used: dict[str, str] = {}
-        """Explanations by word, in the order of the page."""
+        """Explanations by term, in the order of the page."""
 
     def mark(self, text: str) -> Markup:
-        """The text as markup, with a button at each word that stands here first; it opens the
-        explanation.
+        """Return the text as markup, with a button at the first occurrence of each term; it opens
+        the explanation.
         """
-        return Markup(_MARKED.sub(self._mark, escape(text)))
+        return Markup(_MARKED.sub(self._mark_match, escape(text)))
 
-    def _mark(self, match: re.Match[str]) -> str:
-        """A word as a button, one line with its punctuation, and an option such as ``--report`` in
-        one line.
+    def _mark_match(self, match: re.Match[str]) -> str:
+        """Return a term as a button that does not break from its punctuation, and an option such
+        as ``--report`` that does not break.
         """
-        before, term, after, option = match.groups()
+        opening, term, closing, option = match.groups()
         if option is not None:
             return f'<span class="option">{option}</span>'
         if TERMS[term] in self.used.values():
             return match[0]
+
         self.used[term] = TERMS[term]
-        button = f'<button class="term" type="button" popovertarget="term-{len(self.used)}">{term}</button>'
-        return f'<span class="option">{before}{button}{after}</span>' if before or after else button
+        target = f"term-{len(self.used)}"
+        button = f'<button class="term" type="button" popovertarget="{target}">{term}</button>'
+        if opening or closing:
+            return f'<span class="option">{opening}{button}{closing}</span>'
+        return button

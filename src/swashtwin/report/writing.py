@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from pathlib import Path
 from types import MappingProxyType
@@ -23,7 +23,7 @@ from swashtwin.foundation import (
 from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, summarize_recordings
 from swashtwin.report.diagnosis_part import build_anomaly_part, build_diagnosis_part
-from swashtwin.report.drawing import load_template
+from swashtwin.report.drawing import Drawing, load_template
 from swashtwin.report.evidence_part import build_evidence_part
 from swashtwin.report.model_part import (
     build_alarms_part,
@@ -35,6 +35,7 @@ from swashtwin.report.page import (
     Group,
     Part,
     Section,
+    Table,
     build_cards,
     build_overview,
     find_shared_facts,
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
     from swashtwin.calibration import Calibration
 
 FORMAT = "swashtwin report 1"
+_MAX_TITLES = 3
+"""Titles of parts that the title of a page joins."""
 
 Item: TypeAlias = (
     "Calibration | FaultClassifier | FittedClassifier | AnomalyDetector | AlarmScores | Scores | "
@@ -54,13 +57,26 @@ Item: TypeAlias = (
 """What a report can be made of."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Content:
+    """What a page shows."""
+
+    parts: tuple[Part, ...]
+    facts: tuple[tuple[str, str], ...]
+    """Facts below the title, by name."""
+    notices: tuple[str, ...]
+    cards: tuple[Part, ...]
+    overview: Table | None
+    sections: tuple[Section, ...]
+
+
 def render_page(
     *items: Item,
     recordings: Sequence[Recording] = (),
     about: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
-    """The page of `write_report` as text; errors are the same."""
-    return _page(*_contents(items, recordings, about), has_folder=False)
+    """Return the page of `write_report` as text; errors are the same."""
+    return _render(_collect_content(items, recordings, about), has_folder=False)
 
 
 def write_report(
@@ -69,154 +85,203 @@ def write_report(
     recordings: Sequence[Recording] = (),
     about: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
-    """Path of ``report.html``, a page that needs no other file and no network.
+    """Write ``report.html``, a page that needs no other file and no network; return its path.
 
-    Beside it stand ``results.json`` and each figure as ``figures/NAME.svg`` with its data as
+    The folder also gets ``results.json`` and each figure as ``figures/NAME.svg`` with its data as
     ``figures/NAME.csv``. All are written, or none is; figures of an earlier report in the same
-    folder are replaced where they have the same name, and kept otherwise. ``results.json`` names
-    those of this report.
+    folder are replaced if they have the same name, and kept otherwise. ``results.json`` names those
+    of this report.
 
     Parameters
     ----------
     items : in the order of the page; each adds its answer at the top and its sections below.
     folder : created if it does not exist.
-    recordings : those that the results are of. Machine, date, condition and file that they state
-        stand below the title, and a notice if they are of no real pump. A diagnosis states those of
-        its recording by itself.
-    about : further facts to stand below the title, by name, such as the file of the model.
+    recordings : recordings of the results. Machine, date, operating point and file that they
+        specify are shown below the title, with a notice if they are of no real pump. A diagnosis
+        shows those of its recording without this argument.
+    about : further facts below the title, by name, such as the file of the model.
 
     Raises
     ------
     InputError
-        No item, an item of an unknown type, or `folder` is a file.
+        There is no item, an item is of an unknown type, or `folder` is a file.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; name a folder for the report.")
-    parts, shown = _contents(items, recordings, about)
-    cards: list[Part] = shown["cards"]
-    blocks = [
-        (*card.glance, *(block for section in card.sections for block in section.blocks))
-        for card in cards
-    ]
-    figures = [drawing for each in blocks for drawing in iterate_drawings(each)]
-    texts = {
-        folder / "report.html": _page(parts, shown, has_folder=True)
-    }  # opens first, so is replaced last
-    table: dict[str, Any] = {
+
+    content = _collect_content(items, recordings, about)
+    figures = _list_figures(content.cards)
+    results: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
-        "figures": [drawing.name for drawing in figures],
+        "figures": [figure.name for figure in figures],
     }
-    for part in parts:
+    for part in content.parts:
         for kind, entries in part.results.items():
-            table.setdefault(kind, []).extend(entries)
-    texts[folder / "results.json"] = json_text(table, indent=1) + "\n"
-    for drawing in figures:
-        texts[folder / "figures" / f"{drawing.name}.svg"] = drawing.svg
-        texts[folder / "figures" / f"{drawing.name}.csv"] = drawing.csv
+            results.setdefault(kind, []).extend(entries)
+
+    # the page is opened first, so that it replaces an earlier one last
+    texts = {folder / "report.html": _render(content, has_folder=True)}
+    texts[folder / "results.json"] = json_text(results, indent=1) + "\n"
+    for figure in figures:
+        texts[folder / "figures" / f"{figure.name}.svg"] = figure.svg
+        texts[folder / "figures" / f"{figure.name}.csv"] = figure.csv
     with ExitStack() as stack:
         for path, text in texts.items():
             stack.enter_context(atomic_write(path)).write_text(text, **TEXT)
     return folder / "report.html"
 
 
+def _list_figures(cards: Sequence[Part]) -> list[Drawing]:
+    """Return every figure of the page."""
+    figures: list[Drawing] = []
+    for card in cards:
+        figures += iterate_drawings(card.glance)
+        for section in card.sections:
+            figures += iterate_drawings(section.blocks)
+    return figures
+
+
 @singledispatch
 def build_part(item: Any, key: str) -> Part:
-    """Part of the page about an item; `key` is the start of the name of each figure. An
-    `InputError` where none is registered for its type.
+    """Return the part of the page about an item; `key` is the start of the name of each figure.
+
+    Raises
+    ------
+    InputError
+        No part is registered for the item's type.
     """
     kind = type(item)
-    if (
-        f"{kind.__module__}.{kind.__name__}" == "swashtwin.calibration.result.Calibration"
-    ):  # which needs torch
+    # compared by name, since importing the class would import torch
+    if f"{kind.__module__}.{kind.__name__}" == "swashtwin.calibration.result.Calibration":
         from swashtwin.report.calibration_part import build_calibration_part
 
         return build_calibration_part(item, key)
     raise InputError(
-        f"no report can be made of a {kind.__name__}; give a study's result, a calibration, scores or a diagnosis."
+        f"No report can be made of a {kind.__name__}: give a study's result, a calibration, scores "
+        "or a diagnosis."
     )
 
 
-build_part.register(Part)(lambda part, key: part)
 build_part.register(Scores)(build_scores_part)
-build_part.register(Diagnosis)(
-    lambda verdict, key: (
-        build_anomaly_part if verdict.kind == "detector" else build_diagnosis_part
-    )(verdict, key)
-)
 build_part.register(Evidence)(build_evidence_part)
 build_part.register(FittedClassifier)(build_training_part)
-build_part.register(FaultClassifier)(
-    lambda classifier, key: build_training_part(classifier.fitted_, key)
-)
-build_part.register(AnomalyDetector)(lambda detector, key: build_detector_part(detector))
-build_part.register(AlarmScores)(lambda scores, key: build_alarms_part(scores))
 
 
-def _contents(
+@build_part.register
+def _(item: Part, key: str) -> Part:
+    return item
+
+
+@build_part.register
+def _(item: Diagnosis, key: str) -> Part:
+    if item.kind == "detector":
+        return build_anomaly_part(item, key)
+    return build_diagnosis_part(item, key)
+
+
+@build_part.register
+def _(item: FaultClassifier, key: str) -> Part:
+    return build_training_part(item.fitted_, key)
+
+
+@build_part.register
+def _(item: AnomalyDetector, key: str) -> Part:
+    return build_detector_part(item)
+
+
+@build_part.register
+def _(item: AlarmScores, key: str) -> Part:
+    return build_alarms_part(item)
+
+
+def _collect_content(
     items: Sequence[Item], recordings: Sequence[Recording], about: Mapping[str, str]
-) -> tuple[list[Part], dict[str, Any]]:
-    """The parts, and what the page shows of them by its name in the template."""
+) -> _Content:
+    """Return what the page of `items` shows."""
     if not items:
         raise InputError(
-            "a report needs at least one study, calibration, set of scores or diagnosis."
+            "A report needs at least one study, calibration, set of scores or diagnosis."
         )
-    kinds = [type(item).__name__.lower() for item in items]
-    numbers = [kinds[: index + 1].count(kind) for index, kind in enumerate(kinds)]
-    keys = [
-        f"{kind}_{number}" if kinds.count(kind) > 1 else kind
-        for kind, number in zip(kinds, numbers, strict=True)
-    ]
-    parts = [build_part(item, key) for item, key in zip(items, keys, strict=True)]
+    parts = [build_part(item, key) for item, key in zip(items, _build_keys(items), strict=True)]
     cards = build_cards(parts)
     overview = build_overview(parts, cards)
-    stated = summarize_recordings(recordings)
-    agreed = find_shared_facts(parts) if len({part.subject for part in parts}) == 1 else {}
+
+    has_one_subject = len({part.subject for part in parts}) == 1
+    facts = find_shared_facts(parts) if has_one_subject else {}
     if sum(bool(part.facts) for part in parts) > 1:
-        agreed.pop("Recordings", None)  # a count of one part alone
-    facts = agreed | dict(list_facts(stated)) | dict(about)
-    shown = {
-        "facts": list(facts.items()),
-        "notices": list(
-            dict.fromkeys(filter(None, [*(part.notice for part in parts), rig_notice(stated)]))
-        ),
-        "cards": cards,
-        "overview": overview,
-        "sections": [] if overview else _sections(parts),
-    }
-    return parts, shown
+        facts.pop("Recordings", None)  # a count that holds for one part alone
+    summary = summarize_recordings(recordings)
+    facts = facts | dict(list_facts(summary)) | dict(about)
+
+    notices = [*(part.notice for part in parts), rig_notice(summary)]
+    return _Content(
+        parts=tuple(parts),
+        facts=tuple(facts.items()),
+        notices=tuple(dict.fromkeys(filter(None, notices))),
+        cards=tuple(cards),
+        overview=overview,
+        sections=() if overview else tuple(_order_sections(parts)),
+    )
 
 
-def _sections(parts: Sequence[Part]) -> list[Section]:
-    """Every section by its position.
-
-    Sections of one title, such as those of two calibrations, are told apart by what they are of,
-    and folded away.
+def _build_keys(items: Sequence[Item]) -> list[str]:
+    """Return the start of the name of each item's figures: its kind, numbered if there are
+    several.
     """
-    total = Counter(section.title for part in parts for section in part.sections)
+    kinds = [type(item).__name__.lower() for item in items]
+    totals = Counter(kinds)
+    counts: Counter[str] = Counter()
+    keys = []
+    for kind in kinds:
+        counts[kind] += 1
+        keys.append(f"{kind}_{counts[kind]}" if totals[kind] > 1 else kind)
+    return keys
+
+
+def _order_sections(parts: Sequence[Part]) -> list[Section]:
+    """Return every section by its position.
+
+    Sections of one title, such as those of two calibrations, get the title of their part and are
+    folded.
+    """
+    totals = Counter(section.title for part in parts for section in part.sections)
     sections = []
     for part in parts:
-        alike = [section for section in part.sections if total[section.title] > 1]
-        sections += [section for section in part.sections if total[section.title] == 1]
-        if alike:
-            groups = tuple(Group(section.title, section.blocks, is_open=False) for section in alike)
-            sections.append(replace(alike[0], title=part.title, blocks=groups))
+        sections += [section for section in part.sections if totals[section.title] == 1]
+        repeated = [section for section in part.sections if totals[section.title] > 1]
+        if repeated:
+            groups = tuple(
+                Group(section.title, section.blocks, is_open=False) for section in repeated
+            )
+            sections.append(replace(repeated[0], title=part.title, blocks=groups))
     return sorted(sections, key=lambda section: section.position)
 
 
-def _page(parts: Sequence[Part], shown: Mapping[str, Any], *, has_folder: bool) -> str:
-    titles = list(dict.fromkeys(part.title for part in parts if part.verdict or part.answer))
-    subjects = {part.subject for part in parts}
-    is_one = len(titles) == 1 or len(subjects) == 1
-    title = parts[0].title
-    if not is_one and "" not in subjects:
-        title = f"{title.split(' of ')[0]} of {plural(len(subjects), 'recording')}"
-    elif not is_one:
-        title = " and ".join(
-            list(dict.fromkeys(re.split("[,:]", part.title)[0] for part in parts))[:3]
-        )
+def _render(content: _Content, *, has_folder: bool) -> str:
+    """Return the page as HTML."""
     page = load_template("report.html.jinja").render(
-        shown, title=title, glossary=Glossary(), version=VERSION, has_folder=has_folder
+        facts=content.facts,
+        notices=content.notices,
+        cards=content.cards,
+        overview=content.overview,
+        sections=content.sections,
+        title=_build_title(content.parts),
+        glossary=Glossary(),
+        version=VERSION,
+        has_folder=has_folder,
     )
     return escape_controls(page, keep="\n")
+
+
+def _build_title(parts: Sequence[Part]) -> str:
+    """Return the title of a page: that of its part, or what its parts have in common."""
+    titles = {part.title for part in parts if part.verdict or part.answer}
+    subjects = {part.subject for part in parts}
+    if len(titles) == 1 or len(subjects) == 1:
+        return parts[0].title
+    if "" not in subjects:
+        return f"{parts[0].title.split(' of ')[0]} of {plural(len(subjects), 'recording')}"
+    short_titles = dict.fromkeys(re.split("[,:]", part.title)[0] for part in parts)
+    return " and ".join(list(short_titles)[:_MAX_TITLES])

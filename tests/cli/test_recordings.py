@@ -108,13 +108,14 @@ def test_check_answers_whether_recordings_are_sound_and_enough(folder: Path) -> 
         "calibration of a twin": "no",
     }
     assert (
-        "not enough: calibrated confidence: --error-rate 0.1 needs 9" in run("check", folder).stdout
+        "not enough: calibrated confidence: an error rate of 0.1 needs 9"
+        in run("check", folder).stdout
     )
     (folder / "piston_2.csv").unlink()
     run("index", folder, *FACTS, "--force")
     said = run("check", folder, code=5).stdout
     assert "The data are sound, but not enough: no test on recordings" in said
-    assert "piston: one recording only, two are needed" in said
+    assert "piston: only one recording, two are needed" in said
     (folder / "piston_1.csv").write_text((folder / "normal_1.csv").read_text())
     assert (
         "The data are not sound (1 finding to mend); the usable"

@@ -316,7 +316,7 @@ def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taugh
 
 def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> None:
     train = windows(several("train", 4))
-    monkeypatch.setattr("swashtwin.learning.training.training_reference.MOST_RECORDINGS", 5)
+    monkeypatch.setattr("swashtwin.learning.training.training_reference.MAX_RECORDINGS", 5)
     few = build_reference(train, reference_features(train))
     assert len(few.recording_id) == len(few.label) == len(few.features) == 5
     synthetic = replace(train, synthetic=np.ones(len(train), dtype=bool))

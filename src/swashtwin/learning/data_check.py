@@ -1,9 +1,8 @@
-"""Is a data set sound, and is there enough of it? What can be trained, tested and calibrated with
-it.
-"""
+"""Check whether a data set is sound and large enough: what can be trained, tested and calibrated."""
 
+import itertools
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -30,11 +29,15 @@ from swashtwin.recordings import (
 
 State = Literal["yes", "partly", "no"]
 Answer = tuple[State, str]
+"""Whether the recordings suffice for a use, and the reason."""
 
 _TEST_FRACTION = 0.2
+"""Share of the recordings that a test takes by default."""
+_MIN_LEFT_RECORDINGS = 4
+"""Recordings left after a test below which no confidence is calibrated."""
 _DETECTION = "detection from healthy recordings alone"
 _CALIBRATION_TURNS = 16
-"""Revolutions whose orders a calibration can read."""
+"""Revolutions that a calibration needs to resolve orders."""
 
 
 @dataclass(frozen=True)
@@ -42,19 +45,19 @@ class ClassCount:
     """Recordings of one class at one operating condition."""
 
     label: str
-    """Class; empty where the recordings have none."""
+    """Class; empty if the recordings have none."""
     condition: str
-    """Operating condition in words, or ``"-"`` where none is stated."""
+    """Description of the operating point, or ``"-"`` if none is specified."""
     recordings: int
     specimens: tuple[str, ...]
-    """On which specimens; empty where none is stated."""
+    """Specimens they are of; empty if none is specified."""
     seconds: float
-    """Their length together [s]."""
+    """Their total length [s]."""
 
 
 @dataclass(frozen=True)
 class Use:
-    """One thing that the recordings may serve."""
+    """A use of the recordings, and whether they suffice for it."""
 
     name: str
     state: State
@@ -62,23 +65,23 @@ class Use:
     is_required: bool
     """Whether the data are too few without it."""
     reason: str
-    """With what, or what is missing."""
+    """What they suffice with, or what is missing."""
 
 
 @dataclass(frozen=True, eq=False)
 class DataCheck:
-    """The answer to whether recordings are sound and enough."""
+    """Result of a check whether recordings are sound and enough."""
 
     inspection: InspectionReport
     """Findings of each recording, and of all together."""
     counts: tuple[ClassCount, ...]
     """Recordings of each class and condition, without copies."""
     gaps: tuple[tuple[str, str], ...]
-    """Class and condition that others have and it has not."""
+    """Class and condition without a recording, although other classes have the condition."""
     uses: tuple[Use, ...]
     """What can be trained, tested and calibrated."""
     notes: tuple[str, ...]
-    """What was not counted, and what a test on these recordings cannot show."""
+    """Recordings that were not counted, and what a test on the others cannot show."""
 
     @property
     def is_sound(self) -> bool:
@@ -94,29 +97,38 @@ class DataCheck:
     def answer(self) -> str:
         """The answer in one sentence."""
         required = [use for use in self.uses if use.is_required]
-        is_tested = any(use.state != "no" for use in required if use.name != _DETECTION)
-        enough = f"enough {'to train and to test' if is_tested else 'for an anomaly detector'}"
         if not self.is_enough:
-            enough = f"not enough: no {' and no '.join(use.name for use in required if use.state == 'no')}"
+            missing_uses = [use.name for use in required if use.state == "no"]
+            enough = f"not enough: no {' and no '.join(missing_uses)}"
+        elif any(use.state != "no" and use.name != _DETECTION for use in required):
+            enough = "enough to train and to test"
+        else:
+            enough = "enough for an anomaly detector"
+
         if self.is_sound:
-            return f"The data are sound{' and' if self.is_enough else ', but'} {enough}."
-        findings = [
-            *self.inspection.findings,
-            *(f for report in self.inspection.recordings for f in report.findings),
-        ]
-        errors = plural(sum(finding.severity == "error" for finding in findings), "finding")
-        return f"The data are not sound ({errors} to mend); the usable recordings are {enough}."
+            conjunction = " and" if self.is_enough else ", but"
+            return f"The data are sound{conjunction} {enough}."
+
+        findings = list(self.inspection.findings)
+        for report in self.inspection.recordings:
+            findings += report.findings
+        n_errors = sum(finding.severity == "error" for finding in findings)
+        return (
+            f"The data are not sound ({plural(n_errors, 'finding')} to mend); the usable "
+            f"recordings are {enough}."
+        )
 
     def to_dict(self) -> dict[str, Any]:
-        """The check as JSON can hold it."""
-        return {
+        """Return the check as JSON can hold it."""
+        table: dict[str, Any] = {
             "answer": self.answer,
             "is_sound": self.is_sound,
             "is_enough": self.is_enough,
             "gaps": [{"label": label, "condition": condition} for label, condition in self.gaps],
             "inspection": self.inspection.to_dict(),
-            **to_table({name: getattr(self, name) for name in ("counts", "uses", "notes")}),
         }
+        table.update(to_table({"counts": self.counts, "uses": self.uses, "notes": self.notes}))
+        return table
 
 
 def check_recordings(
@@ -127,134 +139,157 @@ def check_recordings(
     unreadable: Sequence[Finding] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> DataCheck:
-    """Whether recordings are sound and enough.
+    """Check whether recordings are sound and enough.
 
     Parameters
     ----------
     window : samples of the windows that are to be cut.
-    error_rate : error rate that the confidence of a classifier is to hold.
-    unreadable : what `load_recordings` reported of files that are not among the recordings.
-    progress : called with the number of recordings that are done, and of all.
+    error_rate : error rate that the confidence of a classifier should hold.
+    unreadable : findings of `load_recordings` about files that are not among the recordings.
+    progress : called with the number of finished recordings, and the total.
     """
     inspection = inspect_recordings(
         recordings, window=window, unreadable=unreadable, progress=progress
     )
-    unfit = {
+    unusable = {
         report.recording_id
         for report in inspection.recordings
         if any(finding.severity == "error" for finding in report.findings)
     }
-    usable = [recording for recording in recordings if recording.recording_id not in unfit]
+    usable = [recording for recording in recordings if recording.recording_id not in unusable]
     copies = find_duplicates(build_manifest(usable))
     usable = [recording for recording in usable if recording.recording_id not in copies]
-    counts = _counts(usable)
-    labels, conditions = (
-        dict.fromkeys(getattr(count, part) for count in counts) for part in ("label", "condition")
-    )
     labeled = [recording for recording in usable if recording.label and not recording.synthetic]
-    lost = {recording.label for recording in recordings if recording.label} - {
-        item.label for item in labeled
-    }
-    cells = {(count.label, count.condition) for count in counts}
-    origins = Counter(recording.attributes.get("origin", "") for recording in recordings)
-    every = ((label, condition) for label in labels if label for condition in conditions)
+
+    counts = _counts(usable)
     return DataCheck(
         inspection=inspection,
         counts=counts,
-        gaps=tuple(cell for cell in every if cell not in cells),
-        uses=tuple(_uses(labeled, error_rate)),
-        notes=(
-            *_one_machine_each(labeled),
-            *(f"no recording of {name} is usable." for name in sorted(map(str, lost))),
-            *(
-                f"{plural(count, 'recording')} of the {origin}: a stand-in for a machine, no measurement of a real "
-                "pump."
-                for origin, count in origins.items()
-                if "virtual rig" in origin
-            ),
-            *(f"{name} is a copy of {first} and is not counted." for name, first in copies.items()),
-        ),
+        gaps=_gaps(counts),
+        uses=_uses(labeled, error_rate),
+        notes=tuple(_notes(recordings, labeled, copies)),
     )
 
 
-def _one_machine_each(labeled: Sequence[Recording]) -> list[str]:
-    """Classes that stand on one specimen only, which has no other class."""
+def _gaps(counts: Sequence[ClassCount]) -> tuple[tuple[str, str], ...]:
+    """Return each class and condition without a recording."""
+    cells = {(count.label, count.condition) for count in counts}
+    labels = dict.fromkeys(count.label for count in counts if count.label)
+    conditions = dict.fromkeys(count.condition for count in counts)
+    return tuple(cell for cell in itertools.product(labels, conditions) if cell not in cells)
+
+
+def _notes(
+    recordings: Sequence[Recording], labeled: Sequence[Recording], copies: Mapping[str, str]
+) -> list[str]:
+    """Return what was not counted, and what a test on the recordings cannot show."""
+    notes = _one_machine_notes(labeled)
+
+    labels = {recording.label for recording in recordings if recording.label}
+    usable_labels = {recording.label for recording in labeled}
+    for label in sorted(map(str, labels - usable_labels)):
+        notes.append(f"No recording of {label} is usable.")
+
+    origins = Counter(recording.attributes.get("origin", "") for recording in recordings)
+    for origin, count in origins.items():
+        if "virtual rig" in origin:
+            notes.append(
+                f"{plural(count, 'recording')} of the {origin}: a stand-in for a machine, not a "
+                "measurement of a real pump."
+            )
+
+    for name, original in copies.items():
+        notes.append(f"{name} is a copy of {original} and is not counted.")
+    return notes
+
+
+def _one_machine_notes(labeled: Sequence[Recording]) -> list[str]:
+    """Return a note on each class that is on one specimen only, which has no other class."""
     pairs = {(str(recording.label), recording.specimen or "") for recording in labeled}
-    classes, specimens = (Counter(pair[part] for pair in pairs) for part in (0, 1))
-    alone = sorted(
-        label for label, name in pairs if name and classes[label] == specimens[name] == 1
+    specimens_by_class = Counter(label for label, _ in pairs)
+    classes_by_specimen = Counter(specimen for _, specimen in pairs)
+    if len(specimens_by_class) < 2:
+        return []
+
+    confounded = sorted(
+        label
+        for label, specimen in pairs
+        if specimen and specimens_by_class[label] == classes_by_specimen[specimen] == 1
     )
     return [
-        f"{label}: measured on one specimen only, which has no other class. Whatever is special about that machine "
-        "tells the class, and no test on these recordings can show that it is the fault; measure the class on another "
-        "machine, or this machine in another class."
-        for label in (alone if len(classes) > 1 else ())
+        f"{label}: measured on one specimen only, which has no other class. Any peculiarity of "
+        "that machine identifies the class, and no test on these recordings can show that it is "
+        "the fault. Measure the class on another machine, or this machine in another class."
+        for label in confounded
     ]
 
 
 def _counts(recordings: Sequence[Recording]) -> tuple[ClassCount, ...]:
-    names = [recording.recording_id for recording in recordings]
-    facts = (
-        [stated(recording) for recording in recordings]
-        for stated in (specified_speed, specified_pressure)
+    conditions = describe_conditions(
+        [recording.recording_id for recording in recordings],
+        [specified_speed(recording) for recording in recordings],
+        [specified_pressure(recording) for recording in recordings],
     )
     cells: dict[tuple[str, str], list[Recording]] = {}
-    for recording, words in zip(recordings, describe_conditions(names, *facts), strict=True):
-        cells.setdefault((recording.label or "", words), []).append(recording)
+    for recording, condition in zip(recordings, conditions, strict=True):
+        cells.setdefault((recording.label or "", condition), []).append(recording)
+
     return tuple(
         ClassCount(
-            *cell,
-            len(members),
-            tuple(sorted({recording.specimen for recording in members if recording.specimen})),
-            sum(recording.duration for recording in members),
+            label=label,
+            condition=condition,
+            recordings=len(members),
+            specimens=tuple(sorted({member.specimen for member in members if member.specimen})),
+            seconds=sum(member.duration for member in members),
         )
-        for cell, members in cells.items()
+        for (label, condition), members in cells.items()
     )
 
 
-def _uses(labeled: Sequence[Recording], error_rate: float) -> Iterator[Use]:
+def _uses(labeled: Sequence[Recording], error_rate: float) -> tuple[Use, ...]:
     classes = Counter(str(recording.label) for recording in labeled)
-    healthy = sum(count for name, count in classes.items() if is_healthy(name))
-    is_healthy_only = healthy == len(labeled) > 0
-    for name, is_required, (state, reason) in (
-        ("training of a classifier", not is_healthy_only, _training(classes)),
-        (_DETECTION, is_healthy_only, _detection(healthy)),
-        (
+    n_healthy = sum(count for name, count in classes.items() if is_healthy(name))
+    # Healthy recordings alone are meant for an anomaly detector, which no test needs.
+    is_healthy_only = n_healthy == len(labeled) > 0
+    needs_classifier = not is_healthy_only
+
+    def use(name: str, answer: Answer, *, is_required: bool = False) -> Use:
+        state, reason = answer
+        return Use(name, state, is_required, reason)
+
+    return (
+        use("training of a classifier", _training(classes), is_required=needs_classifier),
+        use(_DETECTION, _detection(n_healthy), is_required=is_healthy_only),
+        use(
             "test on recordings that were not trained on",
-            not is_healthy_only,
             _test(labeled, "recording"),
+            is_required=needs_classifier,
         ),
-        ("test on specimens that were not trained on", False, _test(labeled, "specimen")),
-        (
-            "test at operating conditions that were not trained at",
-            False,
-            _test(labeled, "condition"),
-        ),
-        ("calibrated confidence", False, _confidence(labeled, error_rate)),
-        ("calibration of a twin", False, _calibration(labeled)),
-    ):
-        yield Use(name, state, is_required, reason)
+        use("test on specimens that were not trained on", _test(labeled, "specimen")),
+        use("test at operating conditions that were not trained at", _test(labeled, "condition")),
+        use("calibrated confidence", _confidence(labeled, error_rate)),
+        use("calibration of a twin", _calibration(labeled)),
+    )
 
 
 def _training(classes: Counter[str]) -> Answer:
-    if len(classes) < 2:
-        return (
-            "no",
-            f"{len(classes)} class{'es' * (len(classes) != 1)} with a label; a classifier tells two or more apart.",
-        )
-    listed = ", ".join(f"{count} {name}" for name, count in classes.items())
+    n_classes = len(classes)
+    if n_classes < 2:
+        count = "1 class" if n_classes == 1 else f"{n_classes} classes"
+        return "no", f"{count} with a label; a classifier separates two or more."
+
+    class_counts = ", ".join(f"{count} {name}" for name, count in classes.items())
     if any(map(is_healthy, classes)):
-        return "yes", f"{listed}."
-    return "partly", f"{listed}; none is healthy, so false alarms cannot be counted."
+        return "yes", f"{class_counts}."
+    return "partly", f"{class_counts}; no class is healthy, so false alarms cannot be counted."
 
 
 def _detection(n_healthy: int) -> Answer:
-    """Whether an anomaly detector can be made, at the false-alarm rate that is usual or at a higher
-    one.
-    """
+    """Answer whether an anomaly detector can be made, and at which false-alarm rate."""
     count = plural(n_healthy, "healthy recording")
     if n_healthy < MIN_HEALTHY_RECORDINGS:
-        return "no", f"{count}; {MIN_HEALTHY_RECORDINGS} are needed at least."
+        return "no", f"{count}; at least {MIN_HEALTHY_RECORDINGS} are needed."
+
     allowed = allowed_error_rate(n_healthy, DEFAULT_ERROR_RATE)
     reason = f"{count} allow a false-alarm rate of {allowed:g}: train on an index of these alone."
     return "yes" if allowed == DEFAULT_ERROR_RATE else "partly", reason
@@ -264,19 +299,20 @@ def _test(labeled: Sequence[Recording], group: str) -> Answer:
     if not labeled:
         return "no", "no recording has a class."
     try:
-        groups = recording_groups(labeled, group)
+        group_by_recording = recording_groups(labeled, group)
     except (DataError, InputError) as cause:
         return "no", str(cause)
+
     labels = np.array([str(recording.label) for recording in labeled])
-    kept = np.array([groups[recording.recording_id] for recording in labeled])
-    few = [label for label in np.unique(labels) if np.unique(kept[labels == label]).size < 2]
-    if few:
-        return "no", f"{', '.join(few)}: one {group} only, two are needed."
-    total = plural(np.unique(kept).size, group)
-    if _test_rows(labels, kept) is None:
-        return "no", f"{total}, and no share of them keeps every class in training and in the test."
-    share = f"--group {group} " if group != "recording" else ""
-    return "yes", f"{total}, two or more of each class: train {share}holds them out."
+    groups = np.array([group_by_recording[recording.recording_id] for recording in labeled])
+    scarce = [label for label in np.unique(labels) if np.unique(groups[labels == label]).size < 2]
+    if scarce:
+        return "no", f"{', '.join(scarce)}: only one {group}, two are needed."
+
+    count = plural(np.unique(groups).size, group)
+    if _test_rows(labels, groups) is None:
+        return "no", f"{count}, and no share of them keeps every class in training and in the test."
+    return "yes", f"{count}, two or more of each class; a test can hold out whole {group}s."
 
 
 def _test_rows(labels: np.ndarray, groups: np.ndarray) -> np.ndarray | None:
@@ -285,40 +321,48 @@ def _test_rows(labels: np.ndarray, groups: np.ndarray) -> np.ndarray | None:
 
 
 def _confidence(labeled: Sequence[Recording], error_rate: float) -> Answer:
-    labels = np.array([str(recording.label) for recording in labeled])
-    tested = _test_rows(labels, np.arange(len(labeled))) if labeled else None
-    left = 0 if tested is None else len(labeled) - len(tested)
-    needed, allowed = min_validation_recordings(error_rate), allowed_error_rate(left, error_rate)
-    remaining = f"{plural(left, 'recording')} {'is' if left == 1 else 'are'} left"
-    after = f"{remaining} after a test of --test-fraction {_TEST_FRACTION:g}"
-    if allowed == error_rate:
-        return "yes", f"train calibrates it with its folds; {after}, {needed} are needed."
-    lacking = f"--error-rate {error_rate:g} needs {needed} recordings; {after}"
-    return (
-        ("no", f"{lacking}.")
-        if left < 4
-        else ("partly", f"{lacking}, which allow --error-rate {allowed:g}.")
+    n_left = 0
+    if labeled:
+        labels = np.array([str(recording.label) for recording in labeled])
+        test_rows = _test_rows(labels, np.arange(len(labeled)))
+        if test_rows is not None:
+            n_left = len(labeled) - len(test_rows)
+
+    needed = min_validation_recordings(error_rate)
+    allowed = allowed_error_rate(n_left, error_rate)
+    verb = "is" if n_left == 1 else "are"
+    left = (
+        f"{plural(n_left, 'recording')} {verb} left after a test on a share of {_TEST_FRACTION:g}"
     )
+    if allowed == error_rate:
+        return "yes", f"training calibrates it with its folds; {left}, {needed} are needed."
+
+    shortage = f"an error rate of {error_rate:g} needs {needed} recordings; {left}"
+    if n_left < _MIN_LEFT_RECORDINGS:
+        return "no", f"{shortage}."
+    return "partly", f"{shortage}, which allow an error rate of {allowed:g}."
 
 
 def _calibration(labeled: Sequence[Recording]) -> Answer:
     healthy = [recording for recording in labeled if is_healthy(recording.label)]
-    stated = [recording for recording in healthy if recording.condition is not None]
-    long = [
-        item
-        for item in stated
-        if item.duration * (specified_shaft_frequency(item) or 0) >= _CALIBRATION_TURNS
-    ]
     if not healthy:
         return "no", "no recording of a healthy pump (normal)."
-    if not stated:
+
+    with_condition = [recording for recording in healthy if recording.condition is not None]
+    if not with_condition:
         count = plural(len(healthy), "healthy recording")
         return "no", f"{count}, none with speed and discharge pressure; add both to the index."
-    if not long:
+
+    usable = []
+    for recording in with_condition:
+        shaft_frequency = specified_shaft_frequency(recording) or 0.0
+        if recording.duration * shaft_frequency >= _CALIBRATION_TURNS:
+            usable.append(recording)
+    if not usable:
         return "no", f"no healthy recording covers {_CALIBRATION_TURNS} revolutions; record longer."
-    specimens = {recording.specimen for recording in long if recording.specimen}
-    choice = (
-        f" of {len(specimens)} specimens: choose one with --specimen" if len(specimens) > 1 else ""
-    )
-    reason = f"{plural(len(long), 'healthy recording')} with speed and pressure{choice}."
-    return "yes" if len(long) == len(healthy) else "partly", reason
+
+    reason = f"{plural(len(usable), 'healthy recording')} with speed and pressure"
+    specimens = {recording.specimen for recording in usable if recording.specimen}
+    if len(specimens) > 1:
+        reason += f" of {len(specimens)} specimens: choose one of them"
+    return "yes" if len(usable) == len(healthy) else "partly", f"{reason}."

@@ -1,6 +1,4 @@
-"""How far a recording lies from every trained class: a likelihood ratio between a trained class and
-a new one.
-"""
+"""Distance of a recording from every trained class, as a likelihood ratio to a new class."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,8 +12,9 @@ from swashtwin.learning.windows.window_set import group_means, operating_points
 def shrunk_covariance(
     rows: Float[np.ndarray, "recording feature"],
 ) -> Float64[np.ndarray, "feature feature"]:
-    """Covariance of the rows, shrunk towards a multiple of the identity by Ledoit and Wolf (2004).
+    """Return the covariance of the rows, shrunk towards a multiple of the identity.
 
+    The method is that of Ledoit and Wolf (2004):
     (1 - s) S + s m I with S the covariance, m the mean of its diagonal (DOI
     10.1016/S0047-259X(03)00096-4); as scikit-learn's `LedoitWolf`, whose import would take longer
     than a diagnosis.
@@ -26,49 +25,48 @@ def shrunk_covariance(
 def shrinkage(
     rows: Float[np.ndarray, "recording axis"], n_features: int
 ) -> tuple[Float64[np.ndarray, "axis axis"], float]:
-    """(covariance of the rows as `shrunk_covariance`, its diagonal along directions in which no row
-    differs).
+    """Return the shrunk covariance of the rows, and its variance along all other directions.
 
-    The rows are coordinates along some orthonormal axes that hold all that differs between them,
-    out of `n_features`.
+    See `shrunk_covariance`. The rows are coordinates along some orthonormal axes that contain all
+    differences between them, out of `n_features`.
     """
     centered = rows - rows.mean(axis=0)
+    n_rows = len(rows)
     squares = np.einsum("ij,ij->i", centered, centered)
-    covariance = centered.T @ centered / len(rows)
-    trace = squares.sum() / len(rows)
+    covariance = centered.T @ centered / n_rows
+    trace = squares.sum() / n_rows
     mean = trace / n_features
+
     norm = float(np.vdot(covariance, covariance))
-    beta = (float((squares**2).sum()) / len(rows) - norm) / (n_features * len(rows))
+    beta = (float((squares**2).sum()) / n_rows - norm) / (n_features * n_rows)
     delta = (norm - 2 * mean * trace + n_features * mean**2) / n_features
     share = min(beta, delta) / delta if min(beta, delta) > 0 else 0.0
-    return np.asarray((1 - share) * covariance + share * mean * np.eye(len(covariance))), float(
-        share * mean
-    )
+    shrunk = (1 - share) * covariance + share * mean * np.eye(len(covariance))
+    return np.asarray(shrunk), float(share * mean)
 
 
-_LEAST_VARIANCE = 1e-6
-"""Added to each variance, for classes of one recording have none."""
-_NEW_CLASS_SPREAD, _MACHINE_SPREAD = 0.1, 0.5
-"""Share of the variance between classes, and between machines, that is taken to be alike in every
-direction.
+_MIN_VARIANCE = 1e-6
+"""Added to each variance, because classes of one recording have none."""
+_NEW_CLASS_SHARE = 0.1
+"""Share of the variance between classes that is assumed equal in every direction."""
+_MACHINE_SHARE = 0.5
+"""Share of the variance between machines that is assumed equal in every direction."""
+_MIN_RECORDINGS_PER_CELL = 2
+"""Recordings of each class and operating point, on average, from which the offsets of the operating
+points are estimated.
 """
-_LEAST_IN_CELL = 2
-"""Recordings of each class and operating point, on average, from which the points' offsets can be
-told.
-"""
-_SPAN = 1e-10
-"""Share of the greatest eigenvalue below which a direction is rounding."""
+_SPAN_TOLERANCE = 1e-10
+"""Share of the largest eigenvalue below which a direction is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClassSpace:
-    """Gaussian classes that differ by machine and by recording, within the span of the training
-    recordings.
+    """Gaussian classes that differ by machine and by recording.
 
     A recording of class c is m_c + a + e, with the machine's share a ~ N(0, P) and the recording's
     e ~ N(0, E); a new class is the mean of all + b + a + e with b ~ N(0, B). E is shrunk by Ledoit
-    and Wolf (2004, DOI 10.1016/S0047-259X(03)00096-4); P and B, of which a few machines and classes
-    tell little, are mixed with a multiple of the identity. Outside the span of the training
+    and Wolf (2004, DOI 10.1016/S0047-259X(03)00096-4); P and B, which a few machines and classes
+    hardly determine, are mixed with a multiple of the identity. Outside the span of the training
     recordings all three are multiples of the identity.
     """
 
@@ -78,32 +76,41 @@ class ClassSpace:
     trained: Float64[np.ndarray, "axis axis"]
     """Inverse covariance of a trained class, P + E."""
     new: Float64[np.ndarray, "axis axis"]
-    """Inverse covariance of a new class, B + P + E; 0 where there is one class only."""
+    """Inverse covariance of a new class, B + P + E; 0 if there is only one class."""
     outside: tuple[float, float]
-    """Both outside the span."""
+    """Inverse variances of a trained and of a new class outside the span."""
     conditions: Float64[np.ndarray, "point quantity"]
     """Speed and pressure of each operating point."""
     offsets: Float64[np.ndarray, "point feature"]
-    """What each operating point adds, whatever the class."""
+    """Offset of each operating point, for all classes."""
 
     def score(
         self, features: Float[np.ndarray, " feature"], condition: Float[np.ndarray, " quantity"]
     ) -> float:
-        """Squared distance from the nearest trained class less that from a new one, per feature."""
-        ratio = np.abs(np.log(self.conditions / condition)).sum(axis=1)
-        is_stated = not np.isnan(ratio).all()
-        centered = (
-            features
-            - self.mean
-            - (self.offsets[np.nanargmin(ratio)] if is_stated else self.offsets.mean(axis=0))
-        )
+        """Return the squared distance from the nearest trained class less that from a new one.
+
+        It is divided by the number of features.
+        """
+        centered = features - self.mean - self._offset_at(condition)
         inside = centered @ self.basis
-        rest = max(float(centered @ centered - inside @ inside), 0.0)
-        offset = inside - self.centers
-        nearest = float(np.einsum("ca,ab,cb->c", offset, self.trained, offset).min())
+        outside_square = max(float(centered @ centered - inside @ inside), 0.0)
+
+        from_classes = inside - self.centers
+        class_squares = np.einsum("ca,ab,cb->c", from_classes, self.trained, from_classes)
         from_all = inside - self.centers.mean(axis=0)
-        new = float(from_all @ self.new @ from_all)
-        return (nearest - new + rest * (self.outside[0] - self.outside[1])) / features.size
+        new_square = float(from_all @ self.new @ from_all)
+
+        trained_outside, new_outside = self.outside
+        difference = float(class_squares.min()) - new_square
+        difference += outside_square * (trained_outside - new_outside)
+        return difference / features.size
+
+    def _offset_at(self, condition: Float[np.ndarray, " quantity"]) -> np.ndarray:
+        """Return the offset of the nearest operating point; the mean of all if unknown."""
+        distance = np.abs(np.log(self.conditions / condition)).sum(axis=1)
+        if np.isnan(distance).all():
+            return np.asarray(self.offsets.mean(axis=0))
+        return self.offsets[np.nanargmin(distance)]
 
 
 def fit_class_space(
@@ -112,87 +119,121 @@ def fit_class_space(
     specimen: Sequence[str] | Shaped[np.ndarray, " recording"],
     condition: Float[np.ndarray, "recording quantity"],
 ) -> ClassSpace:
-    """The space of recordings by their mean features, class, machine ("" for none), speed [rad/s]
-    and pressure [Pa].
+    """Fit the class space of some recordings.
+
+    Parameters
+    ----------
+    features : mean features of each recording.
+    label : its class.
+    specimen : its machine, "" if not specified.
+    condition : its speed [rad/s] and pressure [Pa].
     """
-    values, n_features = features.astype(np.float64), features.shape[1]
+    values = features.astype(np.float64)
+    n_features = features.shape[1]
     classes, target = np.unique(label, return_inverse=True)
     points, point = _operating_points(condition, len(classes))
-    means, offsets = group_means(values, target), np.zeros((len(points), values.shape[1]))
-    for number in range(len(points)):
-        present = np.unique(target[point == number])
-        changes = [
-            values[(point == number) & (target == c)].mean(axis=0) - means[c] for c in present
-        ]
-        offsets[number] = np.mean(changes, axis=0)
+    offsets = _operating_point_offsets(values, target, point, len(points))
     values = values - offsets[point]
+
     mean = values.mean(axis=0)
     basis = _span(values - mean)
     inside = (values - mean) @ basis
     centers = group_means(inside, target)
-    within = inside - centers[target]
-    machines, machine = np.unique(specimen, return_inverse=True)
-    if len(machines) > 1:
-        group = np.unique(target * len(machines) + machine, return_inverse=True)[1]
-        of_machine = group_means(within, group)
-        between, between_outside = _mixed(of_machine, _MACHINE_SPREAD, n_features)
-        covariance, outside = _shrunk(within - of_machine[group], n_features)
-        covariance, outside = covariance + between, outside + between_outside
-    else:
-        covariance, outside = _shrunk(within, n_features)
-    new, inverse_outside = np.zeros_like(covariance), 0.0
-    if len(classes) > 1:
-        spread, spread_outside = _mixed(
-            centers - centers.mean(axis=0), _NEW_CLASS_SPREAD, n_features
+    covariance, outside = _covariance_within(inside - centers[target], target, specimen, n_features)
+
+    # A new class: its center is drawn like those of the trained classes.
+    new = np.zeros_like(covariance)
+    new_outside = 0.0
+    n_classes = len(classes)
+    if n_classes > 1:
+        between, between_outside = _mix(
+            centers - centers.mean(axis=0), _NEW_CLASS_SHARE, n_features
         )
-        share = len(classes) / (len(classes) - 1)
-        new = np.linalg.inv(covariance + share * spread)
-        inverse_outside = 1 / (outside + share * spread_outside)
+        unbiased = n_classes / (n_classes - 1)
+        new = np.linalg.inv(covariance + unbiased * between)
+        new_outside = 1 / (outside + unbiased * between_outside)
     return ClassSpace(
-        mean,
-        basis,
-        centers,
-        np.linalg.inv(covariance),
-        new,
-        (1 / outside, inverse_outside),
-        points,
-        offsets,
+        mean=mean,
+        basis=basis,
+        centers=centers,
+        trained=np.linalg.inv(covariance),
+        new=new,
+        outside=(1 / outside, new_outside),
+        conditions=points,
+        offsets=offsets,
     )
 
 
+def _operating_point_offsets(
+    values: Float64[np.ndarray, "recording feature"],
+    target: np.ndarray,
+    point: np.ndarray,
+    n_points: int,
+) -> Float64[np.ndarray, "point feature"]:
+    """Return the mean change of the classes at each operating point from their means."""
+    class_means = group_means(values, target)
+    offsets = np.zeros((n_points, values.shape[1]))
+    for number in range(n_points):
+        changes = []
+        for index in np.unique(target[point == number]):
+            rows = (point == number) & (target == index)
+            changes.append(values[rows].mean(axis=0) - class_means[index])
+        offsets[number] = np.mean(changes, axis=0)
+    return offsets
+
+
+def _covariance_within(
+    deviations: Float64[np.ndarray, "recording axis"],
+    target: np.ndarray,
+    specimen: Sequence[str] | Shaped[np.ndarray, " recording"],
+    n_features: int,
+) -> tuple[np.ndarray, float]:
+    """Return the covariance P + E of a trained class, and its variance outside the span."""
+    machines, machine = np.unique(specimen, return_inverse=True)
+    if len(machines) < 2:
+        return _shrink(deviations, n_features)
+
+    group = np.unique(target * len(machines) + machine, return_inverse=True)[1]
+    machine_means = group_means(deviations, group)
+    between, between_outside = _mix(machine_means, _MACHINE_SHARE, n_features)
+    within, within_outside = _shrink(deviations - machine_means[group], n_features)
+    return within + between, within_outside + between_outside
+
+
 def _span(rows: Float64[np.ndarray, "recording feature"]) -> Float64[np.ndarray, "feature axis"]:
-    """Orthonormal directions that the rows span."""
+    """Return orthonormal directions that the rows span."""
     value, vector = np.linalg.eigh(rows @ rows.T)
-    used = value > _SPAN * max(float(value[-1]), 1e-300)
-    return np.asarray(rows.T @ vector[:, used] / np.sqrt(value[used]))
+    is_used = value > _SPAN_TOLERANCE * max(float(value[-1]), 1e-300)
+    return np.asarray(rows.T @ vector[:, is_used] / np.sqrt(value[is_used]))
 
 
-def _mixed(
+def _mix(
     rows: Float64[np.ndarray, "row axis"], share: float, n_features: int
 ) -> tuple[np.ndarray, float]:
-    """(mean square of the rows mixed with `share` of a multiple of the identity, that outside their
-    span).
+    """Return the mean square of the rows, mixed with a multiple of the identity.
+
+    The second value is that multiple, the variance outside the span of the rows.
     """
     square = rows.T @ rows / len(rows)
     outside = share * float(np.trace(square)) / n_features
     return (1 - share) * square + outside * np.eye(len(square)), outside
 
 
-def _shrunk(rows: Float64[np.ndarray, "row axis"], n_features: int) -> tuple[np.ndarray, float]:
-    """(shrunk covariance of the rows, that outside their span)."""
+def _shrink(rows: Float64[np.ndarray, "row axis"], n_features: int) -> tuple[np.ndarray, float]:
+    """Return the shrunk covariance of the rows, and the variance outside their span."""
     covariance, outside = shrinkage(rows, n_features)
-    return covariance + _LEAST_VARIANCE * np.eye(len(covariance)), outside + _LEAST_VARIANCE
+    return covariance + _MIN_VARIANCE * np.eye(len(covariance)), outside + _MIN_VARIANCE
 
 
 def _operating_points(
     condition: Float[np.ndarray, "recording quantity"], n_classes: int
 ) -> tuple[Float64[np.ndarray, "point quantity"], np.ndarray]:
-    """(speed and pressure of each operating point, index of each recording's).
+    """Return speed and pressure of each operating point, and the index of each recording's.
 
-    Where there are fewer than two recordings for each class and point, all count as one point that
-    is not stated.
+    If there are fewer than two recordings for each class and operating point, all count as one
+    unspecified operating point.
     """
     points, point = operating_points(condition)
-    if len(condition) < _LEAST_IN_CELL * n_classes * len(points):
+    if len(condition) < _MIN_RECORDINGS_PER_CELL * n_classes * len(points):
         return np.full((1, 2), np.nan), np.zeros(len(condition), dtype=np.int64)
     return points, point

@@ -1,4 +1,4 @@
-"""A trained network together with everything needed to use it honestly."""
+"""A trained network, with everything that its use and its test need."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -19,17 +19,15 @@ from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 from swashtwin.recordings import Manifest, Recording
 
 TOGETHER = 32
-"""Windows that pass a network together where nothing is learned: they stay in the processor's
-cache.
-"""
+"""Windows that pass a network together in prediction: so many stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class Normalization:
-    """Subtracts a mean from each channel and divides by a deviation, taken over what `kind` says.
+    """Subtracts a mean from each channel and divides by a deviation.
 
-    ``"window"``: over each window by itself. ``"set"``: over the training windows, kept here.
-    ``"none"``: not at all. A channel that does not move is not divided.
+    They are those of each window (``"window"``) or of the training windows (``"set"``, stored
+    here); ``"none"`` changes nothing. A constant channel is not divided.
     """
 
     kind: str
@@ -42,49 +40,52 @@ class Normalization:
     def __post_init__(self) -> None:
         if self.kind not in NORMALIZATIONS:
             raise InputError(
-                f"normalization {self.kind[:60]!r} is none of {', '.join(NORMALIZATIONS)}."
+                f"Invalid normalization {self.kind[:60]!r}: it must be one of "
+                f"{', '.join(NORMALIZATIONS)}."
             )
         if not (self.deviation > 0).all():
-            raise InputError("the deviation of a normalization must be positive.")
+            raise InputError("The deviation of a normalization must be positive.")
 
     @classmethod
     def fit(cls, kind: str, windows: WindowSet) -> "Normalization":
-        """Normalization with the statistics of the training windows."""
-        if kind == "set":
-            signal = windows.signal
-            mean = signal.mean(axis=(0, 2), dtype=np.float64)
-            return cls(kind, mean, _not_zero(signal.std(axis=(0, 2), dtype=np.float64)))
-        return cls(kind, np.zeros(windows.n_channels), np.ones(windows.n_channels))
+        """Return a normalization with the statistics of the training windows."""
+        if kind != "set":
+            return cls(kind, np.zeros(windows.n_channels), np.ones(windows.n_channels))
+        mean = windows.signal.mean(axis=(0, 2), dtype=np.float64)
+        deviation = windows.signal.std(axis=(0, 2), dtype=np.float64)
+        return cls(kind, mean, _nonzero(deviation))
 
     def apply(self, windows: WindowSet) -> Float32[np.ndarray, "window channel time"]:
-        """The samples of `windows`, scaled."""
+        """Return the samples of `windows`, scaled."""
         return np.concatenate([samples for samples, _ in self.blocks(windows)])
 
     def blocks(self, windows: WindowSet) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """(samples, scaled; turns of the shaft per sample) of `TOGETHER` windows at a time."""
+        """Yield the scaled samples, and the shaft's turns per sample, of `TOGETHER` windows."""
         turns = windows.turns_per_sample
-        for at in range(0, len(windows), TOGETHER):
-            part, mean, deviation = windows.signal[at : at + TOGETHER], self.mean, self.deviation
+        for start in range(0, len(windows), TOGETHER):
+            block = slice(start, start + TOGETHER)
+            samples = windows.signal[block]
             if self.kind == "window":
-                mean, deviation = (
-                    part.mean(axis=2, dtype=np.float64),
-                    part.std(axis=2, dtype=np.float64),
-                )
-            scaled = part - mean[..., None]
-            scaled /= _not_zero(deviation)[..., None]
-            yield scaled.astype(np.float32), turns[at : at + TOGETHER]
+                mean = samples.mean(axis=2, dtype=np.float64)
+                deviation = samples.std(axis=2, dtype=np.float64)
+            else:
+                mean = self.mean
+                deviation = self.deviation
+            scaled = samples - mean[..., None]
+            scaled /= _nonzero(deviation)[..., None]
+            yield scaled.astype(np.float32), turns[block]
 
 
-def _not_zero(deviation: Float64[np.ndarray, "*axes"]) -> Float64[np.ndarray, "*axes"]:
+def _nonzero(deviation: Float64[np.ndarray, "*axes"]) -> Float64[np.ndarray, "*axes"]:
     return np.where(deviation > 0, deviation, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class FittedClassifier:
-    """What `fit` gives: windows in, class probabilities out."""
+    """A trained classifier of windows, as `fit` returns it."""
 
     network: AnyNetwork
-    """Trained weights; of torch in evaluation mode."""
+    """Trained network; one of torch is in evaluation mode."""
     classes: tuple[str, ...]
     """Class names, in the order of the probabilities."""
     layout: WindowLayout
@@ -95,32 +96,28 @@ class FittedClassifier:
     seed: int
     history: tuple[Epoch, ...]
     manifest: Manifest
-    """Every recording that had a part in it (training, validation, calibration), by id with the
-    hashes of its content; none may be tested on.
+    """All recordings with a part in it (training, validation, calibration), by id with the hashes of
+    their content; none may be tested on.
     """
     pressures: tuple[float, ...]
-    """Discharge pressures it was trained at [Pa], ascending; empty where they were not known."""
+    """Discharge pressures it was trained at [Pa], ascending; empty if unknown."""
     speeds: tuple[float, ...]
-    """Shaft speeds it was trained at [rad/s], ascending; empty where they were not known."""
+    """Shaft speeds it was trained at [rad/s], ascending; empty if unknown."""
     training_reference: TrainingReference | None = None
-    """The measured recordings it was trained on, by the levels of their vibration; None where there
-    was none.
-    """
+    """Features of the measured recordings it was trained on; None if there were none."""
     choice: Choice | None = None
-    """What was tried and chosen (`fit_best_candidate`); None where the network was named."""
+    """Choice among candidates (`fit_best_candidate`); None if the network was specified."""
     fault_of: Mapping[str, str] = field(default_factory=dict)
-    """Fault of the model (`swashtwin.pump`) that a class of another name stands for."""
+    """Fault of the model (`swashtwin.pump`) for which a class of another name stands."""
     confidence: Confidence | None = None
-    """Calibrated confidence (`learn_confidence`, `cross_fitted_confidence`); None where it was not
-    calibrated.
-    """
+    """Calibrated confidence (`learn_confidence`, `cross_fitted_confidence`); None if not calibrated."""
     recordings: RecordingModel | None = None
-    """Heads on whole recordings (`fit_best_candidate`); None where the network was named, or recordings
-    were too short.
+    """Heads on whole recordings (`fit_best_candidate`); None if the network was specified, or
+    recordings were too short.
     """
     baseline_confidence: Confidence | None = None
-    """Confidence of answers to machines whose healthy recordings the model knows; None where
-    `confidence` is theirs.
+    """Confidence of answers to machines whose healthy recordings the model knows; None if
+    `confidence` is valid for them too.
     """
 
     @property
@@ -139,45 +136,42 @@ class FittedClassifier:
         return self.layout.length
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
-        """Probability of each class for each window; rows sum to 1.
+        """Return the probability of each class for each window; rows sum to 1.
 
-        NaN where the square of a scaled sample, a feature or a score of the window is no finite
-        number: it has no verdict.
+        They are NaN, and there is no verdict, if the square of a scaled sample, a feature or a
+        score of the window is not finite.
 
         Raises
         ------
         InputError
             The windows differ from those of the training in rate, channels, unit or length.
         """
-        probability = self._through(windows, self._probabilities)
+        probability = self._map_blocks(windows, self._probabilities)
         if self.recordings is None:
             return probability
         with np.errstate(over="ignore", invalid="ignore"):
-            return self.recordings.combined(np.log(np.maximum(probability, 1e-12)), windows)
+            log_probability = np.log(np.maximum(probability, 1e-12))
+            return self.recordings.combined(log_probability, windows)
 
     def cut_windows(self, recordings: Iterable[Recording]) -> WindowSet:
-        """Windows of recordings as the classifier takes them."""
+        """Return windows of recordings as the classifier requires them."""
         return cut_windows(
             recordings, length=self.length, classes=self.classes, allow_partial_revolution=True
         )
 
     def confidence_of(self, specimen: str) -> Confidence | None:
-        """The confidence of answers to a machine."""
-        is_known = self.recordings is not None and self.recordings.knows(specimen)
-        return (
-            self.baseline_confidence
-            if is_known and self.baseline_confidence is not None
-            else self.confidence
-        )
+        """Return the confidence of answers to a machine."""
+        if self.baseline_confidence is None or self.recordings is None:
+            return self.confidence
+        if self.recordings.knows(specimen):
+            return self.baseline_confidence
+        return self.confidence
 
     def with_healthy(self, windows: WindowSet) -> "FittedClassifier":
-        """The classifier that knows further healthy recordings, by their windows, and compares with
-        them.
-        """
+        """Return the classifier with further healthy recordings, by their windows, to compare with."""
         assert self.recordings is not None
-        return replace(
-            self, recordings=self.recordings.with_healthy(self.recordings.table(windows))
-        )
+        healthy_table = self.recordings.table(windows)
+        return replace(self, recordings=self.recordings.with_healthy(healthy_table))
 
     def _probabilities(self, samples: np.ndarray, turns: np.ndarray) -> np.ndarray:
         probability = self.network.probabilities(samples, turns)
@@ -187,47 +181,54 @@ class FittedClassifier:
         return probability
 
     def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
-        """Name of the likeliest class of each window; a `DataError` where a window has no
-        verdict.
+        """Return the name of the likeliest class of each window.
+
+        Raises
+        ------
+        DataError
+            A window has no verdict.
         """
         probability = self.predict_proba(windows)
         require_verdicts(probability, windows.recording_id)
         return np.array(self.classes, dtype=np.str_)[probability.argmax(axis=1)]
 
     def embed(self, windows: WindowSet) -> Float[np.ndarray, "window feature"]:
-        """What the last layer sees of each window, such as t-SNE is drawn from."""
-        return self._through(windows, self.network.embedding)
+        """Return the input of the last layer for each window, as t-SNE shows it."""
+        return self._map_blocks(windows, self.network.embedding)
 
     def answer(
         self, windows: WindowSet
     ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
-        """(`predict_proba`, `reference_features`) of each window: what a verdict and what its trust
-        rest on.
+        """Return `predict_proba` and `reference_features` of each window.
 
-        The levels are of the samples as they are: they tell a new class better than those that a
-        `BandPowerNetwork` decides by, and far better than the last layer, where a class that it never
-        saw fell among the known ones (docs/explanation/diagnosis.md).
+        A verdict rests on the former, the trust in it on the latter. The features are of the
+        unscaled samples: they separate a new class better than those that a `BandPowerNetwork`
+        decides by, and far better than the last layer, in which a class that it never saw fell
+        among the trained ones (docs/explanation/diagnosis.md).
         """
         return self.predict_proba(windows), reference_features(windows)
 
-    def _through(
-        self, windows: WindowSet, step: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    def _map_blocks(
+        self, windows: WindowSet, function: Callable[[np.ndarray, np.ndarray], np.ndarray]
     ) -> Float[np.ndarray, "window value"]:
-        if difference := self.layout.difference(windows.layout):
-            raise InputError(f"the classifier was trained on other windows: {difference}.")
+        """Return a function of the scaled windows, computed block by block."""
+        difference = self.layout.difference(windows.layout)
+        if difference:
+            raise InputError(f"The classifier was trained on other windows: {difference}.")
         windows.require_any("to answer for")
-        return np.concatenate([step(*block) for block in self.normalization.blocks(windows)])
+        blocks = self.normalization.blocks(windows)
+        return np.concatenate([function(samples, turns) for samples, turns in blocks])
 
 
 def require_verdicts(
     probability: Float[np.ndarray, "answer class"], names: Shaped[np.ndarray, " answer"]
 ) -> None:
-    """Raise a `DataError` that names the first answer with a probability that is no finite number,
-    if there is one.
-    """
-    finite = np.isfinite(probability).all(axis=1)
-    if not finite.all():
+    """Raise a `DataError` that names the first answer with a probability that is not finite."""
+    is_finite = np.isfinite(probability).all(axis=1)
+    if not is_finite.all():
+        n_missing = np.count_nonzero(~is_finite)
         raise DataError(
-            f"{names[~finite][0]}: no verdict on {np.count_nonzero(~finite)} of {len(finite)}, since the classifier's "
-            "numbers are not finite; is a sample far too large, or a weight of the model damaged?"
+            f"{names[~is_finite][0]}: no verdict on {n_missing} of {len(is_finite)}, because the "
+            "classifier's numbers are not finite. Is a sample far too large, or a weight of the "
+            "model damaged?"
         )

@@ -1,4 +1,4 @@
-"""The steps of an epoch: launched one by one, or on a GPU replayed as one CUDA graph."""
+"""The steps of an epoch: launched one by one, or replayed on a GPU as one CUDA graph."""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -13,19 +13,21 @@ from swashtwin.learning.networks.network import Network, batches
 from swashtwin.learning.training.settings import TrainingSettings
 
 _WARM_UP = 3
-"""Steps before a capture, in which libraries choose their kernels and take their memory."""
+"""Steps before a capture, in which libraries select their kernels and allocate memory."""
 
 
 def is_replayed(network: Network, device: str) -> bool:
-    """Whether a training there captures its step: a GPU spends longer on launching small kernels
-    than on them.
+    """Return whether a training on this device captures its step.
+
+    A GPU spends more time on launching small kernels than on running them.
     """
     return network.is_capturable and device.partition(":")[0] == "cuda"
 
 
 def adam(network: Network, rate: float, replayed: bool) -> torch.optim.Adam:
-    """The optimizer; where steps are replayed its learning rate is a tensor, which a graph reads
-    anew each time.
+    """Return the optimizer.
+
+    If steps are replayed, its learning rate is a tensor, which a graph reads anew each time.
     """
     if not replayed:
         return torch.optim.Adam(network.parameters(), lr=rate)
@@ -43,9 +45,10 @@ class Steps:
 
     Parameters
     ----------
-    data : (windows, their classes); the windows of an epoch have the same shape.
-    weights : of each class in the loss.
-    random : what dropout draws from; a replayed step draws the next numbers of the same generator.
+    data : windows and their classes; the windows of an epoch have the same shape.
+    weights : weight of each class in the loss.
+    random : generator of dropout; a replayed step draws its next numbers.
+    replayed : whether steps are replayed.
     """
 
     def __init__(
@@ -58,19 +61,29 @@ class Steps:
         random: TorchStream,
         replayed: bool,
     ) -> None:
-        self.network, self.optimizer, self.settings = network, optimizer, settings
-        self.weights, self.random = weights, random
+        self.network = network
+        self.optimizer = optimizer
+        self.settings = settings
+        self.weights = weights
+        self.random = random
         self._signal, self._target = data
-        self._sums = torch.zeros(2, device=data[1].device)
+        self._sums = torch.zeros(2, device=self._target.device)
         self._replay: Callable[[], None] | None = None
-        if replayed and settings.batch_size <= len(data[1]):
-            self._signal = data[0].clone()
-            self._batch = torch.arange(settings.batch_size, device=data[1].device)
-            self._replay = self._captured()
+        if replayed and settings.batch_size <= len(self._target):
+            # A graph reads fixed memory: signal and batch are copied into it.
+            self._signal = self._signal.clone()
+            self._batch = torch.arange(settings.batch_size, device=self._target.device)
+            self._replay = self._capture_step()
 
     def epoch(self, signal: Tensor, order: Int[Tensor, " window"]) -> tuple[float, float]:
-        """(mean loss, accuracy) of one pass over the windows in that order, while the weights move;
-        a batch of another size than the usual is never replayed.
+        """Return mean loss and accuracy of one pass over the windows, while the weights move.
+
+        A last batch of another size is never replayed.
+
+        Parameters
+        ----------
+        signal : windows of the epoch.
+        order : order of the pass.
         """
         self.network.train()
         self._sums.zero_()
@@ -78,33 +91,34 @@ class Steps:
             self._signal = signal
         else:
             self._signal.copy_(signal)
+
         for batch in batches(order, self.settings.batch_size):
             if self._replay is None or len(batch) != len(self._batch):
                 self._step(batch)
             else:
                 self._batch.copy_(batch)
                 self._replay()
-        loss, right = self._sums.tolist()
-        return loss / len(order), right / len(order)
+        loss, n_right = self._sums.tolist()
+        return loss / len(order), n_right / len(order)
 
-    def _step(self, batch: Int[Tensor, " chosen"]) -> None:
-        """Move the weights by the windows of these places, and add to the sums."""
+    def _step(self, batch: Int[Tensor, " selected"]) -> None:
+        """Move the weights by the windows of a batch, and add to the sums."""
         classes = self._target[batch]
-        short = self.settings.precision == "bfloat16"
-        kind = self._target.device.type
-        with self.random, torch.autocast(kind, torch.bfloat16, enabled=short):
+        is_short = self.settings.precision == "bfloat16"
+        device_type = self._target.device.type
+        with self.random, torch.autocast(device_type, torch.bfloat16, enabled=is_short):
             scores = self.network.head(self.network.encode(self._signal[batch]))
-        loss = functional.cross_entropy(
-            scores.float() if short else scores, classes, weight=self.weights
-        )
+        full_scores = scores.float() if is_short else scores
+        loss = functional.cross_entropy(full_scores, classes, weight=self.weights)
+
         self.optimizer.zero_grad()
         loss.backward()
         self.optimizer.step()
-        right = (scores.argmax(dim=1) == classes).sum()
-        self._sums += torch.stack([loss.detach() * len(batch), right.to(loss.dtype)])
+        n_right = (scores.argmax(dim=1) == classes).sum()
+        self._sums += torch.stack([loss.detach() * len(batch), n_right.to(loss.dtype)])
 
-    def _captured(self) -> Callable[[], None]:
-        """What replays a step; weights and optimizer are afterwards as before."""
+    def _capture_step(self) -> Callable[[], None]:
+        """Capture a step, and restore the weights and the optimizer afterwards."""
         weights = deepcopy(self.network.state_dict())
         moments = {
             parameter: {name: value.clone() for name, value in state.items()}
@@ -114,20 +128,25 @@ class Steps:
         replay = capture(
             lambda: self._step(self._batch), self.random.generator(self._target.device)
         )
+
         self.network.load_state_dict(weights)
         for parameter, state in self.optimizer.state.items():
+            original_state = moments.get(parameter, {})
             for name, value in state.items():
-                before = moments.get(parameter, {}).get(name)
-                value.copy_(torch.zeros_like(value) if before is None else before)
+                original = original_state.get(name)
+                # The capture created moments that did not exist: they start from zero.
+                value.copy_(torch.zeros_like(value) if original is None else original)
         return replay
 
 
 def capture(step: Callable[[], None], generator: torch.Generator) -> Callable[[], None]:
-    """Replay of `step` as one CUDA graph; it reads and writes the memory that it was captured
-    with.
+    """Return a replay of `step` as one CUDA graph.
+
+    It reads and writes the memory with which it was captured.
     """
     with torch.cuda.device(generator.device):
-        graph, side = torch.cuda.CUDAGraph(), torch.cuda.Stream()
+        graph = torch.cuda.CUDAGraph()
+        side = torch.cuda.Stream()
         graph.register_generator_state(generator)
         side.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(side):

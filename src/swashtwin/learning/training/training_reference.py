@@ -1,6 +1,4 @@
-"""The training recordings by levels and plain facts of their vibration: what a new recording is
-compared with.
-"""
+"""The training recordings by features and facts of their vibration, to compare new ones with."""
 
 import math
 from collections.abc import Sequence
@@ -17,31 +15,37 @@ from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import log_band_powers
 
 FACTS = ("level", "noise_floor", "line_share", "offset", "likeness")
-"""Variance, level of the quietest tenth of the spectrum, and share of the power in the strongest
-fiftieth; the square of the mean over the variance, and the share that another channel explains, as
--log(1 - r^2); in dB.
+"""Facts of a signal [dB]: variance, level of the quietest tenth of the spectrum, share of the power
+in the strongest fiftieth, square of the mean over the variance, and the share that another channel
+explains, as -log(1 - r^2).
 """
 N_BANDS = 16
-"""Logarithmic bands by which swapped channels are told, in dB; they follow the `FACTS`."""
+"""Logarithmic bands by which swapped channels are recognized, in dB; they follow the `FACTS`."""
 N_FACTS = len(FACTS) + N_BANDS
 """Columns of `signal_facts`."""
 ERROR_RATE = 0.05
-"""Share of the recordings like the training's of which a fact may be called outside."""
+"""Share of the recordings like the training's of which a fact may be reported as outside."""
 
-_QUIETEST, _STRONGEST = 0.1, 0.02
-_LEAST_SPREAD, _LEAST_BAND_SPREAD = 1.0, 3.0
-"""Least spread that a difference is judged by [dB]."""
-_LEAST_EXCESS = 0.5
-"""Difference below which a fact is not told: it would be rounded to 0 dB."""
-_LEAST_POWER = 1e-30
-_LEAST_OFFSET, _ALONE = 1e-2, (1e-4, 0.1)
-"""Offset below which it counts as such, and the range of the share that no other channel explains:
-up to a correlation of 0.95 channels are their own.
+_QUIETEST_SHARE = 0.1
+_STRONGEST_SHARE = 0.02
+_MIN_SPREAD_DB = 1.0
+_MIN_BAND_SPREAD_DB = 3.0
+"""Minimum spreads that a difference is divided by: few recordings may agree by chance."""
+_MIN_EXCESS_DB = 0.5
+"""Difference below which a fact is not reported: it would be rounded to 0 dB."""
+_MIN_POWER = 1e-30
+_MIN_OFFSET = 1e-2
+"""Offset over variance below which it counts as this much."""
+_UNEXPLAINED_SHARE = (1e-4, 0.1)
+"""Limits of the share of a channel that no other one explains: up to a correlation of 0.95 channels
+count as independent.
 """
-_LEAST_RECORDINGS = 5
-"""Training recordings from which a range can be told."""
-_FAR = 10.0
-"""Distance [dB] from fewer than these that is told."""
+_MIN_RECORDINGS = 5
+"""Training recordings from which the rate of recordings outside their range is known."""
+_FALLBACK_EXCESS_DB = 10.0
+"""Distance from the range of fewer recordings that is reported."""
+_MIN_SWAP_RATIO = 0.5
+"""Two channels are swapped if exchanging them at least halves their distances."""
 
 
 @dataclass(frozen=True)
@@ -51,61 +55,64 @@ class OutsideFact:
     channel: int
     fact: str
     value: float
-    """What the recording has [dB]."""
+    """Value of the recording [dB]."""
     low: float
-    """Least of the training [dB]."""
+    """Minimum of the training [dB]."""
     high: float
-    """Greatest of the training [dB]."""
+    """Maximum of the training [dB]."""
     deviation: float
-    """How far outside, in standard deviations between the training recordings."""
+    """Distance from the range, in standard deviations between the training recordings."""
 
     @property
     def excess(self) -> float:
-        """How far above the range, or below where negative [dB]."""
-        return self.value - self.high if self.value > self.high else self.value - self.low
+        """Distance above the range [dB], negative below it."""
+        if self.value > self.high:
+            return self.value - self.high
+        return self.value - self.low
 
 
 def signal_facts(
     windows: WindowSet, powers: Sequence[Float64[np.ndarray, "window line"]] | None = None
 ) -> Float64[np.ndarray, "window channel fact"]:
-    """`FACTS` and the levels of `N_BANDS` bands, of each channel of each window [dB re the unit
-    squared].
+    """Return the `FACTS` of each channel of each window, and the levels of `N_BANDS` bands.
 
-    The noise floor is of the density (per Hz). Both spectra are with a Hann taper and the mean
-    removed. `powers` are `window_powers`, where they are at hand.
+    All are in dB re the unit squared, the noise floor as a density (per Hz). Both spectra are with
+    a Hann taper and the mean removed.
+
+    Parameters
+    ----------
+    powers : `window_powers` of the windows, if known.
     """
     samples = windows.signal.astype(np.float64)
     mean = samples.mean(axis=2)
     samples -= mean[:, :, None]
     products = samples @ samples.swapaxes(1, 2) / windows.length
-    variance = np.maximum(np.diagonal(products, axis1=1, axis2=2), _LEAST_POWER)
-    alike = (
-        products**2 / (variance[:, :, None] * variance[:, None]) * (1 - np.eye(windows.n_channels))
-    )
-    share_alone = np.clip(1 - alike.max(axis=2), *_ALONE)
-    facts = []
+    variance = np.maximum(np.diagonal(products, axis1=1, axis2=2), _MIN_POWER)
+
+    squared_correlation = products**2 / (variance[:, :, None] * variance[:, None])
+    squared_correlation *= 1 - np.eye(windows.n_channels)
+    unexplained = np.clip(1 - squared_correlation.max(axis=2), *_UNEXPLAINED_SHARE)
+
+    resolution = windows.length / windows.sample_rate
+    channels = []
     for channel, power in enumerate(window_powers(windows) if powers is None else powers):
+        # Partial sorts: only two positions of the sorted spectrum are needed.
         n_lines = power.shape[1]
-        quietest, first_strong = (
-            int(_QUIETEST * n_lines),
-            n_lines - max(1, round(_STRONGEST * n_lines)),
-        )
-        floor = np.partition(power, quietest, axis=1)[:, quietest] * (
-            windows.length / windows.sample_rate
-        )
-        strongest = np.partition(power, first_strong, axis=1)[:, first_strong:].sum(
-            axis=1
-        )  # one by one in a third
+        quietest = int(_QUIETEST_SHARE * n_lines)
+        floor = np.partition(power, quietest, axis=1)[:, quietest] * resolution
+        first_strong = n_lines - max(1, round(_STRONGEST_SHARE * n_lines))
+        strongest = np.partition(power, first_strong, axis=1)[:, first_strong:].sum(axis=1)
+
         ratios = (
             variance[:, channel],
             floor,
-            strongest / np.maximum(power.sum(axis=1), _LEAST_POWER),
-            np.maximum(mean[:, channel] ** 2 / variance[:, channel], _LEAST_OFFSET),
-            1 / share_alone[:, channel],
+            strongest / np.maximum(power.sum(axis=1), _MIN_POWER),
+            np.maximum(mean[:, channel] ** 2 / variance[:, channel], _MIN_OFFSET),
+            1 / unexplained[:, channel],
         )
-        decibels = 10 * np.log10(np.maximum(np.stack(ratios, axis=1), _LEAST_POWER))
-        facts.append(np.concatenate([decibels, 10 * log_band_powers(power, N_BANDS)], axis=1))
-    return np.stack(facts, axis=1)
+        decibels = 10 * np.log10(np.maximum(np.stack(ratios, axis=1), _MIN_POWER))
+        channels.append(np.concatenate([decibels, 10 * log_band_powers(power, N_BANDS)], axis=1))
+    return np.stack(channels, axis=1)
 
 
 def outside_facts(
@@ -113,92 +120,113 @@ def outside_facts(
     machines: Sequence[str],
     facts: Float64[np.ndarray, "channel fact"],
 ) -> tuple[OutsideFact, ...]:
-    """Facts of a recording outside the training's range by more than usual between its recordings,
-    most unusual first.
+    """Return the facts of a recording outside the training's range, the largest deviation first.
 
-    A recording's deviation is how far the furthest of its facts is outside the range of others, in
-    standard deviations between the training recordings (1 dB at least). A fact is told where its
-    deviation exceeds that of all but `ERROR_RATE` of the training recordings, each against the
-    others; against those of other `machines` ("" where not stated), where there are several. So at
-    most about this share of recordings that are like the training's get any such remark; with fewer
-    than 19 training recordings, n of them, about one in n + 1. The same conformal rule as that of
-    being unknown. Fewer than five give no such rate: what is 10 dB outside their range is told.
+    A recording's deviation is the largest distance of its facts from the range of other recordings,
+    in standard deviations between the training recordings (at least 1 dB). A fact is reported if
+    its deviation exceeds that of all but `ERROR_RATE` of the training recordings, each compared
+    with the others, or with those of other `machines` ("" if not specified) if there are several.
+    So at most about this share of recordings like the training's get any report; with n < 19
+    training recordings, about one in n + 1. It is the conformal rule by which a recording is called
+    unknown. Fewer than five recordings give no such rate: then a distance of 10 dB is reported.
     """
-    values, recorded = training[:, :, : len(FACTS)], facts[:, : len(FACTS)]
-    spread = np.maximum(values.std(axis=0), _LEAST_SPREAD)
-    limit, least = 0.0, _FAR
-    if len(training) >= _LEAST_RECORDINGS:
-        group = np.unique(machines, return_inverse=True)[1]
-        if group.max() == 0:
-            group = np.arange(len(values))
-        below, above = (
-            _extremes_without_own(values, group) - values,
-            values + _extremes_without_own(-values, group),
-        )
-        deviation = np.sort((np.maximum(above, below) / spread).max(axis=(1, 2)))
-        limit, least = (
-            deviation[len(deviation) - max(1, int(ERROR_RATE * (len(deviation) + 1)))],
-            _LEAST_EXCESS,
-        )
-    low, high = values.min(axis=0), values.max(axis=0)
+    values = training[:, :, : len(FACTS)]
+    recorded = facts[:, : len(FACTS)]
+    spread = np.maximum(values.std(axis=0), _MIN_SPREAD_DB)
+    if len(training) >= _MIN_RECORDINGS:
+        max_deviation = max(_usual_deviation(values, machines, spread), 0.0)
+        min_excess = _MIN_EXCESS_DB
+    else:
+        max_deviation = 0.0
+        min_excess = _FALLBACK_EXCESS_DB
+
+    low = values.min(axis=0)
+    high = values.max(axis=0)
     excess = np.maximum(recorded - high, low - recorded)
-    beyond = excess / spread
+    deviation = excess / spread
     outside = [
         OutsideFact(
-            int(c), FACTS[f], *(float(part[c, f]) for part in (recorded, low, high, beyond))
+            channel=int(channel),
+            fact=FACTS[fact],
+            value=float(recorded[channel, fact]),
+            low=float(low[channel, fact]),
+            high=float(high[channel, fact]),
+            deviation=float(deviation[channel, fact]),
         )
-        for c, f in np.argwhere((beyond > max(float(limit), 0.0)) & (excess >= least))
+        for channel, fact in np.argwhere((deviation > max_deviation) & (excess >= min_excess))
     ]
     return tuple(sorted(outside, key=lambda fact: -fact.deviation))
 
 
-def _extremes_without_own(values: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Least value of each fact among the recordings of other groups, of each recording."""
-    least = np.stack([values[group == number].min(axis=0) for number in range(group.max() + 1)])
-    two = np.sort(least, axis=0)[:2]
-    return np.where(least[group] == two[0], two[1], two[0])
+def _usual_deviation(values: np.ndarray, machines: Sequence[str], spread: np.ndarray) -> float:
+    """Return the deviation that all but `ERROR_RATE` of the training recordings stay below."""
+    group = np.unique(machines, return_inverse=True)[1]
+    if group.max() == 0:  # a single machine: compare each recording with the others
+        group = np.arange(len(values))
+
+    below = _minimum_of_other_groups(values, group) - values
+    above = values + _minimum_of_other_groups(-values, group)
+    deviation = np.sort((np.maximum(above, below) / spread).max(axis=(1, 2)))
+    n_allowed = max(1, int(ERROR_RATE * (len(deviation) + 1)))
+    return float(deviation[len(deviation) - n_allowed])
+
+
+def _minimum_of_other_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Return, for each recording, the minimum of each fact among the other groups."""
+    n_groups = group.max() + 1
+    minimum = np.stack([values[group == number].min(axis=0) for number in range(n_groups)])
+    lowest, second_lowest = np.sort(minimum, axis=0)[:2]
+    return np.where(minimum[group] == lowest, second_lowest, lowest)
 
 
 def swapped_channels(
     training: Float64[np.ndarray, "recording channel fact"],
     facts: Float64[np.ndarray, "channel fact"],
 ) -> tuple[int, int] | None:
-    """Two channels of a recording that resemble each other's in the training and not their own, or
-    None.
+    """Return two channels of a recording that seem to be swapped; None if there are none.
 
     Channels are compared by the levels of their bands, in standard deviations between the training
-    recordings (3 dB at least). Two are called swapped where exchanging them halves the root mean
-    square of the differences of both, and neither of them was as far from its own in any training
-    recording.
+    recordings (at least 3 dB). Two are called swapped if exchanging them halves the root mean
+    square of the differences of both, and neither of them was as far from its own mean in any
+    training recording.
     """
-    profiles, profile = training[:, :, len(FACTS) :], facts[:, len(FACTS) :]
+    profiles = training[:, :, len(FACTS) :]
+    profile = facts[:, len(FACTS) :]
     if len(training) < 2 or len(profile) < 2:
         return None
-    mean, spread = profiles.mean(axis=0), np.maximum(profiles.std(axis=0), _LEAST_BAND_SPREAD)
+
+    mean = profiles.mean(axis=0)
+    spread = np.maximum(profiles.std(axis=0), _MIN_BAND_SPREAD_DB)
 
     def distances(rows: np.ndarray) -> np.ndarray:
         return np.asarray(np.sqrt(np.mean(((rows - mean) / spread) ** 2, axis=-1)))
 
-    furthest = distances(profiles).max(axis=0)
-    distance = distances(profile[:, None])
+    max_trained_distance = distances(profiles).max(axis=0)
+    distance = distances(profile[:, None])  # of each channel from the mean of each
     straight = np.diag(distance)
-    ratio = (distance + distance.T) / np.maximum(straight[:, None] + straight, 1e-12)
+    crossed = distance + distance.T
+    ratio = crossed / np.maximum(straight[:, None] + straight, 1e-12)
+
+    is_usual = straight <= max_trained_distance
     ratio[np.diag_indices(len(ratio))] = np.inf
-    ratio[straight <= furthest] = ratio[:, straight <= furthest] = np.inf
+    ratio[is_usual] = np.inf
+    ratio[:, is_usual] = np.inf
     first, second = np.unravel_index(ratio.argmin(), ratio.shape)
-    return (int(first), int(second)) if ratio[first, second] < 0.5 else None
+    if ratio[first, second] >= _MIN_SWAP_RATIO:
+        return None
+    return int(first), int(second)
 
 
-MOST_RECORDINGS = 500
-"""Most recordings in a reference; of more, this many are taken, evenly spaced in the order of their
-ids.
+MAX_RECORDINGS = 500
+"""Maximum number of recordings in a reference; of more, this many are taken, evenly spaced in the
+order of their ids.
 """
 
-_FURTHEST = 0.1
-"""Share of the training recordings, left out, whose distance is above 1."""
+_FAR_SHARE = 0.1
+"""Share of the held-out training recordings whose distance is above 1."""
 _N_FOLDS = 10
-_MOST_WINDOWS = 20
-"""Windows of a recording that its facts are taken from, evenly spaced."""
+_MAX_WINDOWS = 20
+"""Windows of a recording from which its facts are computed, evenly spaced."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,45 +237,48 @@ class TrainingReference:
     """The recordings, in the order of their ids."""
     label: tuple[str, ...]
     specimen: tuple[str, ...]
-    """Machine of each; empty where not stated."""
+    """Machine of each; empty if not specified."""
     condition: Float64[np.ndarray, "reference quantity"]
-    """Speed [rad/s] and discharge pressure [Pa] of each; NaN where not stated."""
+    """Speed [rad/s] and discharge pressure [Pa] of each; NaN if not specified."""
     features: Float32[np.ndarray, "reference feature"]
     """Mean of each feature (`FittedClassifier.answer`) over the windows of the recording."""
     facts: Float64[np.ndarray, "reference channel fact"]
     """Mean of `signal_facts` over some windows."""
     distance_scales: tuple[float, float] = (1.0, 1.0)
-    """Distances from the rest that nine in ten of the training recordings do not exceed where they
-    are left out: alone, and together with all of their machine.
+    """Distances from the others that nine in ten of the training recordings do not exceed when held
+    out: alone, and together with all of their machine.
     """
 
     def __post_init__(self) -> None:
         count = len(self.recording_id)
-        arrays = (self.features, self.facts, self.condition)
-        if not count or any(len(part) != count for part in (self.label, self.specimen, *arrays)):
+        lengths = {
+            len(part)
+            for part in (self.label, self.specimen, self.features, self.facts, self.condition)
+        }
+        if not count or lengths != {count}:
             raise InputError(
-                "a training reference needs a recording, and of each a label, a machine and a row."
+                "A training reference needs at least one recording, and a label, a machine and a "
+                "row for each."
             )
-        if self.condition.shape != (count, 2) or not all(
-            0 < scale < math.inf for scale in self.distance_scales
-        ):
+        are_scales_valid = all(0 < scale < math.inf for scale in self.distance_scales)
+        if self.condition.shape != (count, 2) or not are_scales_valid:
             raise InputError(
-                "a training reference needs a speed and a pressure of each, and two positive scales."
+                "A training reference needs a speed and a pressure for each recording, and two "
+                "positive scales."
             )
 
     def distances(
         self, features: Float[np.ndarray, " feature"]
     ) -> Float64[np.ndarray, " reference"]:
-        """Distance of each training recording from one with these mean features, 0 where they are
-        the same.
+        """Return the distance of each training recording from one with these mean features.
 
-        Root mean square over the features, each in units of its standard deviation between the
-        training recordings; a feature that does not differ between them counts in its own unit.
+        It is the root mean square over the features, each in units of its standard deviation
+        between the training recordings; a feature that does not differ between them counts in its
+        own unit.
         """
         deviation = self.features.std(axis=0)
-        offset = (self.features - features.astype(np.float32)) / np.where(
-            deviation > 0, deviation, 1.0
-        )
+        scale = np.where(deviation > 0, deviation, 1.0)
+        offset = (self.features - features.astype(np.float32)) / scale
         return np.asarray(np.sqrt(np.mean(offset**2, axis=1)), dtype=np.float64)
 
     def ood_score(
@@ -257,118 +288,147 @@ class TrainingReference:
         specimen: str = "",
         condition: Float[np.ndarray, " quantity"] | None = None,
     ) -> float:
-        """Out-of-distribution score of these mean features: about 1 where one in ten of those like
-        the training is.
+        """Return the out-of-distribution score of these mean features.
 
-        A likelihood ratio between the nearest trained class and a new one (`ClassSpace`; in the
-        manner of Ren and others 2021, arXiv:2106.09022), over what nine in ten of the training
-        recordings have that are left out: alone where the machine is one of the training's, else
-        together with all of their machine. It may be negative. The condition is speed [rad/s] and
-        discharge pressure [Pa]; NaN where not stated.
+        One in ten of the recordings like the training's is above 1. It is a likelihood ratio
+        between the nearest trained class and a new one (`ClassSpace`; in the manner of Ren and
+        others 2021, arXiv:2106.09022), over the ratio that nine in ten of the training recordings
+        do not exceed when held out: alone if the machine is one of the training's, else together
+        with all of their machine. It may be negative.
+
+        Parameters
+        ----------
+        condition : speed [rad/s] and discharge pressure [Pa]; NaN if not specified.
         """
-        at = np.full(2, np.nan) if condition is None else condition
+        if condition is None:
+            condition = np.full(2, np.nan)
         is_trained = bool(specimen) and specimen in self.specimen
-        return self._space.score(features, at) / self.distance_scales[0 if is_trained else 1]
+        scale_alone, scale_together = self.distance_scales
+        scale = scale_alone if is_trained else scale_together
+        return self._space.score(features, condition) / scale
 
     def cross_fitted_scores(self) -> Float64[np.ndarray, " reference"]:
-        """`ood_score` of each training recording by references without it; NaN where they have none
-        of its class.
+        """Return the `ood_score` of each training recording by references without it.
+
+        NaN if these have no recording of its class.
         """
-        return self.left_out_distances(_folds(len(self.label))) / self.distance_scales[0]
+        return self.held_out_distances(_folds(len(self.label))) / self.distance_scales[0]
 
     @cached_property
     def _space(self) -> ClassSpace:
-        return self._space_of(np.ones(len(self.label), dtype=bool))
+        return self._fit_space(np.ones(len(self.label), dtype=bool))
 
-    def _space_of(self, used: np.ndarray) -> ClassSpace:
-        label, specimen = np.array(self.label), np.array(self.specimen)
+    def _fit_space(self, is_used: np.ndarray) -> ClassSpace:
         return fit_class_space(
-            self.features[used], label[used], specimen[used], self.condition[used]
+            self.features[is_used],
+            np.array(self.label)[is_used],
+            np.array(self.specimen)[is_used],
+            self.condition[is_used],
         )
 
-    def left_out_distances(self, group: np.ndarray) -> Float64[np.ndarray, " reference"]:
-        """Distance of each recording by a space without its group; NaN where the space has not its
-        class.
+    def held_out_distances(self, group: np.ndarray) -> Float64[np.ndarray, " reference"]:
+        """Return the distance of each recording by a space without its group.
+
+        NaN if that space does not have its class.
         """
-        label, distance = np.array(self.label), np.full(len(self.label), np.nan)
+        label = np.array(self.label)
+        distance = np.full(len(label), np.nan)
         for number in np.unique(group):
-            used = group != number
-            scored = np.flatnonzero(~used & np.isin(label, label[used]))
-            if scored.size:
-                space = self._space_of(used)
-                distance[scored] = [
-                    space.score(self.features[index], self.condition[index]) for index in scored
-                ]
+            is_used = group != number
+            is_comparable = ~is_used & np.isin(label, label[is_used])
+            if not is_comparable.any():
+                continue
+            space = self._fit_space(is_used)
+            for row in np.flatnonzero(is_comparable):
+                distance[row] = space.score(self.features[row], self.condition[row])
         return distance
 
 
 def build_reference(
     windows: WindowSet, features: Float[np.ndarray, "window feature"]
 ) -> TrainingReference | None:
-    """Reference of the measured recordings among training windows, or None where all are synthetic
-    or not finite.
+    """Return a reference of the measured recordings among training windows.
 
-    The features are of each window, numbers of the same kind, such as logarithms of powers.
+    None if all are synthetic or not finite.
+
+    Parameters
+    ----------
+    features : features of each window, all of one kind, such as logarithms of powers.
     """
     names = np.unique(windows.recording_id[~windows.synthetic])
     if not names.size:
         return None
-    names = _spaced(names, MOST_RECORDINGS)
-    masks = [(windows.recording_id == name) & ~windows.synthetic for name in names]
-    parts = [windows.subset(_spaced(np.flatnonzero(mask), _MOST_WINDOWS)) for mask in masks]
-    means = np.stack([features[mask].mean(axis=0) for mask in masks]).astype(np.float32)
-    facts = np.stack([signal_facts(part).mean(axis=0) for part in parts])
-    usable = np.isfinite(means).all(axis=1) & np.isfinite(facts).all(axis=(1, 2))
-    if not usable.any():
+
+    recording_ids = []
+    parts = []
+    means = []
+    facts = []
+    for name in _spaced(names, MAX_RECORDINGS).tolist():
+        rows = np.flatnonzero((windows.recording_id == name) & ~windows.synthetic)
+        part = windows.subset(_spaced(rows, _MAX_WINDOWS))
+        mean_features = features[rows].mean(axis=0).astype(np.float32)
+        mean_facts = signal_facts(part).mean(axis=0)
+        if np.isfinite(mean_features).all() and np.isfinite(mean_facts).all():
+            recording_ids.append(name)
+            parts.append(part)
+            means.append(mean_features)
+            facts.append(mean_facts)
+    if not parts:
         return None
-    names, means, facts = names[usable], means[usable], facts[usable]
-    parts = [part for part, is_usable in zip(parts, usable, strict=True) if is_usable]
+
     reference = TrainingReference(
-        recording_id=tuple(names.tolist()),
+        recording_id=tuple(recording_ids),
         label=tuple(str(part.label[0]) for part in parts),
         specimen=tuple(str(part.specimen[0]) for part in parts),
         condition=np.stack([part.condition(0) for part in parts]),
-        features=means,
-        facts=facts,
+        features=np.stack(means),
+        facts=np.stack(facts),
     )
     return scaled_reference(reference)
 
 
-def _spaced(rows: np.ndarray, most: int) -> np.ndarray:
-    """As many of them at most, evenly spaced."""
-    return rows[
-        np.unique(np.linspace(0, rows.size - 1, min(most, rows.size)).round().astype(np.int64))
-    ]
+def _spaced(values: np.ndarray, max_count: int) -> np.ndarray:
+    """Return at most `max_count` of the values, evenly spaced."""
+    count = min(max_count, values.size)
+    index = np.linspace(0, values.size - 1, count).round().astype(np.int64)
+    return values[np.unique(index)]
 
 
 def scaled_reference(reference: TrainingReference) -> TrainingReference:
-    """The same reference with its `distance_scales`.
+    """Return the same reference with its `distance_scales`.
 
-    Each machine that is left out has its own, and their median is taken: one machine that is unlike
-    the few others of the training would else set the scale for all to come. Where no scale can be
-    told, the other one is taken, or 1.
+    Each held-out machine has its own scale, and their median is taken: otherwise one machine that
+    differs from the few others of the training would set the scale for all later ones. If one scale
+    is unknown, the other one is taken, or 1.
     """
-    alone = [reference.left_out_distances(_folds(len(reference.label)))]
-    machines, group = np.unique(reference.specimen, return_inverse=True)
+    alone = [reference.held_out_distances(_folds(len(reference.label)))]
     together = alone
+    machines, group = np.unique(reference.specimen, return_inverse=True)
     if len(machines) > 1:
-        distance = reference.left_out_distances(group)
+        distance = reference.held_out_distances(group)
         together = [distance[group == number] for number in range(len(machines))]
-    scales = [
-        scale for parts in (alone, together) if (scale := _median_of_furthest(parts)) > 0
-    ] or [1.0]
-    return replace(reference, distance_scales=(scales[0], scales[-1]))
+
+    scale_alone = _median_far_distance(alone)
+    scale_together = _median_far_distance(together)
+    scales = (
+        scale_alone or scale_together or 1.0,
+        scale_together or scale_alone or 1.0,
+    )
+    return replace(reference, distance_scales=scales)
 
 
-def _median_of_furthest(parts: list[np.ndarray]) -> float:
-    """Median over the parts of the distance that nine in ten do not exceed; 0 where none is
-    scored.
+def _median_far_distance(distances: list[np.ndarray]) -> float:
+    """Return the median over the parts of the distance that nine in ten do not exceed.
+
+    0 if no recording has a distance, or the median is not positive.
     """
-    scored = [part[~np.isnan(part)] for part in parts]
-    furthest = [float(np.quantile(part, 1 - _FURTHEST)) for part in scored if part.size]
-    return float(np.median(furthest)) if furthest else 0.0
+    known = [part[~np.isnan(part)] for part in distances]
+    far = [float(np.quantile(part, 1 - _FAR_SHARE)) for part in known if part.size]
+    if not far:
+        return 0.0
+    return max(float(np.median(far)), 0.0)
 
 
 def _folds(count: int) -> Int[np.ndarray, " reference"]:
-    """Fold of each recording, in turn."""
+    """Return the fold of each recording, in turn."""
     return np.arange(count) % _N_FOLDS

@@ -179,7 +179,7 @@ def test_trend_by_time_draws_the_loud_recording_beside_the_others(
             "Invalid value for --track",
         ),
         ("signal spectrum .", (), 2, "Invalid value for FILE"),
-        ("signal spectrum loud.h5", ("--track", "0"), 3, "is no line of the shaft"),
+        ("signal spectrum loud.h5", ("--track", "0"), 3, "is not a line of the shaft"),
         (
             "signal spectrum loud.h5",
             ("--kind", "envelope", "--band", "1-99 kHz"),

@@ -1,8 +1,8 @@
 """From time to turns: where the shaft stood at each sample, and the recording along its angle.
 
 A speed that wanders by half a percent smears the line at order 100 over half an order; along the
-shaft's angle it stands still. The angle comes from a tachometer channel (`tachometer_angle`), from
-a line of the signal itself (`tracking.track_shaft_angle`), or from the speed that somebody wrote down
+shaft's angle it is sharp. The angle comes from a tachometer channel (`tachometer_angle`), from
+a line of the signal itself (`tracking.track_shaft_angle`), or from the specified speed
 (`specified_angle`).
 """
 
@@ -28,15 +28,13 @@ class ShaftAngle:
     sample_rate: float
     """Readings per second of the recording [Hz]."""
     deviation: float
-    """Standard deviation of the angle's error [rad], as far as noise makes it; NaN where nothing
-    tells.
-    """
+    """Standard deviation of the angle's error [rad] by noise; NaN if it is not known."""
     quality: float
-    """Share of the time in which the pulses or the line stood clear, 0 to 1; NaN where nothing was
-    measured.
+    """Share of the time in which the pulses or the line stood clear, 0 to 1; NaN if the angle was
+    not measured.
     """
     source: str
-    """Where it comes from, in words."""
+    """Description of its source."""
 
     @property
     def speed(self) -> Float[np.ndarray, " time"]:
@@ -54,22 +52,23 @@ class ShaftAngle:
         return float((self.angle[-1] - self.angle[0]) / (2 * math.pi))
 
     def require_fits(self, recording: Recording) -> None:
-        """Refuse a recording of another length or rate than the angle's."""
+        """Raise an `InputError` if a recording has another length or rate than the angle."""
         n_samples = recording.signal.shape[1]
         if len(self.angle) != n_samples or self.sample_rate != recording.sample_rate:
             raise InputError(
-                f"{recording.recording_id} has {n_samples} samples at {recording.sample_rate:g} Hz, the angle "
-                f"{len(self.angle)} at {self.sample_rate:g} Hz; take the angle from this recording."
+                f"{recording.recording_id} has {n_samples} samples at {recording.sample_rate:g} Hz, "
+                f"the angle {len(self.angle)} at {self.sample_rate:g} Hz; take the angle from this "
+                "recording."
             )
 
 
 def specified_angle(recording: Recording) -> ShaftAngle:
-    """Angle that the recording's own speed, or else the speed stated for it, adds up to.
+    """Return the angle that the recording's speed, or else its specified speed, adds up to.
 
     Raises
     ------
     InputError
-        Nobody stated a speed, or the shaft stands still.
+        No speed is specified, or the shaft stands still.
     """
     if recording.speed is not None:
         steps = (recording.speed[1:] + recording.speed[:-1]) / (2 * recording.sample_rate)
@@ -79,29 +78,31 @@ def specified_angle(recording: Recording) -> ShaftAngle:
         shaft = specified_shaft_frequency(recording)
         if shaft is None:
             raise InputError(
-                f'{recording.recording_id}: nobody stated its speed; give one ("860 rpm"), or a tachometer channel.'
+                f'{recording.recording_id} specifies no speed: give one ("860 rpm"), or a '
+                "tachometer channel."
             )
         angle = 2 * math.pi * shaft * recording.time
-        source = "the stated speed"
+        source = "the specified speed"
+
     if angle[-1] <= 0:
         raise InputError(
-            f"{recording.recording_id}: the shaft stands still; there is no angle to go by."
+            f"{recording.recording_id}: the shaft stands still, so that it has no angle."
         )
     return ShaftAngle(angle, recording.sample_rate, math.nan, math.nan, source)
 
 
-_RISE, _FALL = 0.6, 0.4
-"""A pulse begins where the level rises through the first, once it has fallen through the second (of
-the range).
-"""
-_ODD_INTERVAL = 1.5
-"""An interval that many times its neighbors', or as small a part of them, is a pulse missed or
-counted twice.
-"""
+RISE_SHARE = 0.6
+"""Share of the signal's range through which it rises where a pulse begins, ..."""
+FALL_SHARE = 0.4
+"""... once it has fallen through this one; two shares, so that noise counts no pulse twice."""
+MAX_INTERVAL_RATIO = 1.5
+"""Ratio of an interval to its neighbors from which a pulse was missed or counted twice."""
+MIN_PULSES = 3
+"""Pulses that a speed needs: two intervals can be compared."""
 
 
 def tachometer_angle(recording: Recording, channel: str, pulses_per_turn: int = 1) -> ShaftAngle:
-    """Angle of the shaft from the rising edges of a tachometer channel.
+    """Return the angle of the shaft from the rising edges of a tachometer channel.
 
     Each edge is placed between two samples by a straight line; between edges the angle follows a
     monotone cubic (Fritsch and Carlson), before the first and after the last it goes on at the
@@ -130,59 +131,77 @@ def tachometer_angle(recording: Recording, channel: str, pulses_per_turn: int = 
     """
     if pulses_per_turn < 1:
         raise InputError(f"pulses_per_turn ({pulses_per_turn}) must be 1 or more.")
-    level = recording.select_channels([channel]).signal[0]
-    if not np.isfinite(level).all():
+    name = f"{recording.recording_id}, {channel}"
+    samples = recording.select_channels([channel]).signal[0]
+    if not np.isfinite(samples).all():
+        raise DataError(f"{name}: samples are missing, so that pulses cannot be counted.")
+    pulses = _rising_edges(samples)
+    if len(pulses) < MIN_PULSES:
         raise DataError(
-            f"{recording.recording_id}, {channel}: samples are missing; no pulse can be counted there."
+            f"{name}: {len(pulses)} pulses; a speed needs at least {MIN_PULSES}. Is it a "
+            "tachometer?"
         )
-    pulses = _rising_edges(level)
-    if len(pulses) < 3:
-        raise DataError(
-            f"{recording.recording_id}, {channel}: {len(pulses)} pulses; a speed needs at least 3. Is it a tachometer?"
-        )
-    time = pulses / recording.sample_rate
-    interval = np.diff(time)
-    ratio = interval / scipy.ndimage.median_filter(
-        interval, size=min(5, len(interval)), mode="nearest"
-    )
-    odd = np.flatnonzero((ratio > _ODD_INTERVAL) | (ratio < 1 / _ODD_INTERVAL))
-    if len(odd):
-        raise DataError(
-            f"{recording.recording_id}, {channel}: the pulses at {time[odd[0]]:.4f} s and {time[odd[0] + 1]:.4f} s lie "
-            f"{ratio[odd[0]]:.2f} times their neighbors' distance apart; a pulse was missed or counted twice, or the "
-            "marks are uneven."
-        )
+    _require_even_pulses(pulses / recording.sample_rate, name)
+
     marks = 2 * math.pi / pulses_per_turn * np.arange(len(pulses))
-    angle = _between(pulses, marks, len(level))
+    angle = _interpolate_angle(pulses, marks, len(samples))
     # The second difference of evenly noisy edges has six times their variance; a real acceleration
     # only adds to it.
     scatter = float(np.std(np.diff(pulses, 2))) / math.sqrt(6)
     rate = float((marks[-1] - marks[0]) / (pulses[-1] - pulses[0]))
-    covered = float((pulses[-1] - pulses[0]) / (len(level) - 1))
+    covered = float((pulses[-1] - pulses[0]) / (len(samples) - 1))
     source = f"{channel}, {plural(pulses_per_turn, 'pulse')} per turn"
     return ShaftAngle(angle, recording.sample_rate, scatter * rate, covered, source)
 
 
-def _rising_edges(level: Float[np.ndarray, " time"]) -> Float[np.ndarray, " pulse"]:
-    """Reading, with its fraction, at which each pulse rises through half the range."""
-    low, high = float(level.min()), float(level.max())
+def _require_even_pulses(time: Float[np.ndarray, " pulse"], name: str) -> None:
+    """Raise a `DataError` if a pulse was missed or counted twice.
+
+    Parameters
+    ----------
+    time : time of each pulse [s].
+    name : recording and channel, for the message.
+    """
+    interval = np.diff(time)
+    neighbors = scipy.ndimage.median_filter(interval, size=min(5, len(interval)), mode="nearest")
+    ratio = interval / neighbors
+    uneven = np.flatnonzero((ratio > MAX_INTERVAL_RATIO) | (ratio < 1 / MAX_INTERVAL_RATIO))
+    if len(uneven):
+        index = uneven[0]
+        raise DataError(
+            f"{name}: the pulses at {time[index]:.4f} s and {time[index + 1]:.4f} s lie "
+            f"{ratio[index]:.2f} times their neighbors' distance apart; a pulse was missed or "
+            "counted twice, or the marks are uneven."
+        )
+
+
+def _rising_edges(samples: Float[np.ndarray, " time"]) -> Float[np.ndarray, " pulse"]:
+    """Return the sample, with its fraction, at which each pulse rises through half the range."""
+    low = float(samples.min())
+    high = float(samples.max())
     if high <= low:
         return np.empty(0)
-    share = (level - low) / (high - low)
-    state = np.where(share >= _RISE, 1, np.where(share <= _FALL, -1, 0))
+
+    share = (samples - low) / (high - low)
+    state = np.zeros(len(share), dtype=int)
+    state[share >= RISE_SHARE] = 1
+    state[share <= FALL_SHARE] = -1
     certain = np.flatnonzero(state)
     rises = np.flatnonzero((state[certain[1:]] == 1) & (state[certain[:-1]] == -1))
+
     edges = []
-    for before, after in zip(certain[rises], certain[rises + 1], strict=True):
-        part = share[before : after + 1]
-        at = int(np.flatnonzero((part[:-1] < 0.5) & (part[1:] >= 0.5))[0])
-        edges.append(before + at + (0.5 - part[at]) / (part[at + 1] - part[at]))
+    for low_sample, high_sample in zip(certain[rises], certain[rises + 1], strict=True):
+        rise = share[low_sample : high_sample + 1]
+        index = int(np.flatnonzero((rise[:-1] < 0.5) & (rise[1:] >= 0.5))[0])
+        fraction = (0.5 - rise[index]) / (rise[index + 1] - rise[index])
+        edges.append(low_sample + index + fraction)
     return np.array(edges)
 
 
-def _between(
+def _interpolate_angle(
     pulses: Float[np.ndarray, " pulse"], marks: Float[np.ndarray, " pulse"], n_samples: int
 ) -> Float[np.ndarray, " time"]:
+    """Return the angle at each sample, which continues at the nearest interval's speed."""
     sample = np.arange(n_samples, dtype=float)
     angle: np.ndarray = PchipInterpolator(pulses, marks)(np.clip(sample, pulses[0], pulses[-1]))
     first = (marks[1] - marks[0]) / (pulses[1] - pulses[0])
@@ -194,13 +213,13 @@ def _between(
     )
 
 
-_FINER = 4
-"""The samples are first made that many times denser, so that a cubic between them is exact to 1e-3
-below 0.4 of the sample rate.
+OVERSAMPLING = 4
+"""Factor by which samples are first made denser, so that a cubic between them is exact to 1e-3 below
+0.4 of the sample rate.
 """
-_DENSEST = 64
-"""Fine steps of the angle per step asked for, at most: a shaft that all but stops is not followed
-into aliasing.
+MAX_FINE_STEPS = 64
+"""Fine steps of the angle per requested step: a shaft that all but stops is not followed further,
+and aliases.
 """
 
 
@@ -211,14 +230,14 @@ def resample_by_angle(
     *,
     played_at: float | None = None,
 ) -> Recording:
-    """The recording at even steps of the shaft's angle, as if the shaft had turned steadily.
+    """Return the recording at even steps of the shaft's angle, as if the shaft turned steadily.
 
-    Reading 0 lies at a whole multiple of 2 pi. Orders from half of `samples_per_turn` on are cut
+    Sample 0 lies at a whole multiple of 2 pi. Orders from half of `samples_per_turn` on are cut
     off in the angle domain, where the cut lies at the same order however the speed changed. The new
     `sample_rate` is `samples_per_turn` times the shaft frequency at which the turns are played
-    back, so that order k stands at k times that frequency and every verb on recordings works as
-    before; the attributes say ``domain = angle``, the samples per turn, and where the angle comes
-    from. The condition stays that of the measurement; what lay in time (a resonance, mains hum) is
+    back, so that order k stands at k times that frequency and every function on recordings works as
+    before; the attributes state ``domain = angle``, the samples per turn, and the source of the
+    angle. The condition stays that of the measurement; what lay in time (a resonance, mains hum) is
     smeared as the speed changes.
 
     Parameters
@@ -237,6 +256,7 @@ def resample_by_angle(
     if recording.attributes.get("domain") == "angle":
         raise InputError(f"{recording.recording_id} lies along the shaft's angle already.")
     angle.require_fits(recording)
+
     if samples_per_turn is None:
         samples_per_turn = 2 * math.ceil(recording.sample_rate * math.pi / float(angle.speed.max()))
     if samples_per_turn < 4 or samples_per_turn % 2:
@@ -246,19 +266,22 @@ def resample_by_angle(
         raise InputError(
             f"played_at ({speed:g} rad/s) must be a positive speed: 860 rev/min is rpm(860)."
         )
-    at, denser = _reading_at(angle, samples_per_turn)
+
+    sample, n_fine = _samples_at_steps(angle, samples_per_turn)
     rows = []
     for row in recording.signal:
-        fine = scipy.signal.resample_poly(row, _FINER, 1, padtype="line")
-        rows.append(make_interp_spline(np.arange(len(fine)) / _FINER, fine, k=3)(at))
+        dense = scipy.signal.resample_poly(row, OVERSAMPLING, 1, padtype="line")
+        spline = make_interp_spline(np.arange(len(dense)) / OVERSAMPLING, dense, k=3)
+        rows.append(spline(sample))
     signal = np.stack(rows)
-    if denser > 1:
-        signal = scipy.signal.resample_poly(signal, 1, denser, axis=-1, padtype="line")
-    at = at[::denser][: signal.shape[1]]
+    if n_fine > 1:
+        signal = scipy.signal.resample_poly(signal, 1, n_fine, axis=-1, padtype="line")
+    sample = sample[::n_fine][: signal.shape[1]]
+
     return recording.replace(
         signal=np.ascontiguousarray(signal),
         sample_rate=samples_per_turn * speed / (2 * math.pi),
-        speed=np.interp(at, np.arange(len(angle.angle)), np.maximum(angle.speed, 0)),
+        speed=np.interp(sample, np.arange(len(angle.angle)), np.maximum(angle.speed, 0)),
         attributes={
             **recording.attributes,
             "domain": "angle",
@@ -268,19 +291,24 @@ def resample_by_angle(
     )
 
 
-def _reading_at(angle: ShaftAngle, samples_per_turn: int) -> tuple[Float[np.ndarray, " step"], int]:
-    """Reading, with its fraction, at each fine step of the angle, and how many fine steps make one
-    that was asked.
+def _samples_at_steps(
+    angle: ShaftAngle, samples_per_turn: int
+) -> tuple[Float[np.ndarray, " step"], int]:
+    """Return the sample, with its fraction, at each fine step of the angle.
+
+    And the number of fine steps in a requested one: fine enough for the slowest part, so that
+    nothing is aliased there.
     """
-    slowest = float(np.percentile(angle.speed, 1)) / (2 * math.pi)
-    wanted_density = angle.sample_rate / (samples_per_turn * max(slowest, 1e-9))
-    denser = math.ceil(min(max(wanted_density, 1.0), _DENSEST))
-    step = 2 * math.pi / (samples_per_turn * denser)
+    slowest_shaft = float(np.percentile(angle.speed, 1)) / (2 * math.pi)
+    density = angle.sample_rate / (samples_per_turn * max(slowest_shaft, 1e-9))
+    n_fine = math.ceil(min(max(density, 1.0), MAX_FINE_STEPS))
+
+    step = 2 * math.pi / (samples_per_turn * n_fine)
     first = math.ceil(angle.angle[0] / (2 * math.pi) - 1e-9) * 2 * math.pi
     count = math.floor((angle.angle[-1] - first) / step + 1e-9) + 1
-    if count < samples_per_turn * denser:
+    if count < samples_per_turn * n_fine:
         raise InputError(
             f"{angle.turns:.2f} turns hold no whole one from a multiple of 2 pi on; record longer."
         )
-    wanted = first + step * np.arange(count)
-    return np.interp(wanted, angle.angle, np.arange(len(angle.angle), dtype=float)), denser
+    steps = first + step * np.arange(count)
+    return np.interp(steps, angle.angle, np.arange(len(angle.angle), dtype=float)), n_fine

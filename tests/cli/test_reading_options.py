@@ -86,7 +86,7 @@ def test_the_option_that_a_message_advises_reads_the_file(
     assert advised in message
     for option in re.findall(r"--[a-z][a-z-]*", message):
         assert all(option in options_of(command) for command in READERS), option
-    replaced = mended[0] in given or "leave out" in message
+    replaced = mended[0] in given or "Remove --unit" in message
     run(
         *arguments[: -len(given) or None],
         *(RATE if replaced and file != "wav" else given * (not replaced)),

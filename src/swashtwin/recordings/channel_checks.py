@@ -43,10 +43,10 @@ def require_usable(recording: Recording) -> None:
         than one revolution if the speed is known.
     """
     for finding in find_unusable(recording, compute_channel_statistics(recording)):
-        place = recording.recording_id
+        source_name = recording.recording_id
         if finding.channel is not None:
-            place = f"{place}, {finding.channel}"
-        raise DataError(f"{place}: {finding.message}")
+            source_name = f"{source_name}, {finding.channel}"
+        raise DataError(f"{source_name}: {finding.message}")
 
 
 def find_unusable(

@@ -15,12 +15,12 @@ _TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Seconds of the units that are mistaken for seconds in time columns."""
 
 
-def select_columns(raw: RawFile, entry: Entry, place: str) -> dict[str, Column]:
+def select_columns(raw: RawFile, entry: Entry, source_name: str) -> dict[str, Column]:
     """Return the columns that an entry names, in its order; by default `vibration_columns`.
 
     Parameters
     ----------
-    place : name of the file in messages.
+    source_name : name of the file in messages.
 
     Raises
     ------
@@ -37,25 +37,25 @@ def select_columns(raw: RawFile, entry: Entry, place: str) -> dict[str, Column]:
         if not names:
             numbered = ", ".join(f"{number} {name!r}" for number, name in enumerate(raw.columns))
             raise DataError(
-                f"{place} has no channel {channel!r}; it has {numbered}.", field="channels"
+                f"{source_name} has no channel {channel!r}; it has {numbered}.", field="channels"
             )
         columns.update({name: raw.columns[name] for name in names})
 
-    rate_in_file(raw, list(columns), place)
+    rate_in_file(raw, list(columns), source_name)
     starts = {name: raw.starts[name] for name in columns if name in raw.starts}
-    _require_one_value(starts, place, "different start times", "that start together")
+    _require_one_value(starts, source_name, "different start times", "that start together")
     lengths = {name: str(len(column)) for name, column in columns.items()}
-    _require_one_value(lengths, place, "different lengths", "of one length")
+    _require_one_value(lengths, source_name, "different lengths", "of one length")
     return columns
 
 
 def _require_one_value(
-    values: Mapping[str, str], place: str, difference: str, requirement: str
+    values: Mapping[str, str], source_name: str, difference: str, requirement: str
 ) -> None:
     if len(set(values.values())) > 1:
         listed = ", ".join(f"{name}: {value}" for name, value in values.items())
         raise DataError(
-            f"{place} holds channels of {difference} ({listed}), which are not one recording.",
+            f"{source_name} holds channels of {difference} ({listed}), which are not one recording.",
             field="channels",
             remedy=f"Select channels {requirement} with {{channels}}.",
         )
@@ -74,47 +74,50 @@ def _matching_names(raw: RawFile, channel: str | int) -> list[str]:
     return [name for name in names if fnmatchcase(name, channel)]
 
 
-def resolve_sample_rate(raw: RawFile, columns: Sequence[str], entry: Entry, place: str) -> float:
+def resolve_sample_rate(
+    raw: RawFile, columns: Sequence[str], entry: Entry, source_name: str
+) -> float:
     """Return the sample rate [Hz] of the entry or the file.
 
     Parameters
     ----------
     columns : names of the selected columns.
-    place : name of the file in messages.
+    source_name : name of the file in messages.
 
     Raises
     ------
     DataError
         Neither specifies it, they contradict each other, or it is not positive.
     """
-    in_file = rate_in_file(raw, columns, place)
+    in_file = rate_in_file(raw, columns, source_name)
     if entry.sample_rate is None:
         if in_file is None:
-            raise _missing_rate_error(raw, place)
+            raise _missing_rate_error(raw, source_name)
         return in_file
 
-    specified = parse_quantity(entry.sample_rate, "Hz", name=f"{place}: sample_rate")
+    specified = parse_quantity(entry.sample_rate, "Hz", name=f"{source_name}: sample_rate")
     if in_file is None:
         if specified <= 0:
             raise DataError(
-                f"{place}: sample_rate ({specified!r} Hz) must be positive.", field="sample_rate"
+                f"{source_name}: sample_rate ({specified!r} Hz) must be positive.",
+                field="sample_rate",
             )
         return specified
 
     if abs(specified / in_file - 1) > _RATE_TOLERANCE:
         raise DataError(
-            f"{place} states a sample rate of {in_file:g} Hz, but {specified:g} Hz is specified.",
+            f"{source_name} states a sample rate of {in_file:g} Hz, but {specified:g} Hz is specified.",
             field="sample_rate",
             remedy=_rate_remedy(specified / in_file),
         )
     return specified
 
 
-def _missing_rate_error(raw: RawFile, place: str) -> DataError:
+def _missing_rate_error(raw: RawFile, source_name: str) -> DataError:
     gaps = raw.attributes.get("time_gaps")
     doubt = f" ({gaps})" if gaps else ""
     return DataError(
-        f"{place} does not state its sample rate{doubt}.",
+        f"{source_name} does not state its sample rate{doubt}.",
         field="sample_rate",
         remedy="Set {sample_rate='25.6 kHz'} (or whatever it was).",
     )
@@ -131,7 +134,7 @@ def _rate_remedy(ratio: float) -> str:
     return "Correct {sample_rate}."
 
 
-def rate_in_file(raw: RawFile, columns: Sequence[str], place: str) -> float | None:
+def rate_in_file(raw: RawFile, columns: Sequence[str], source_name: str) -> float | None:
     """Return the sample rate [Hz] that the file states for the selected columns, or None."""
     if not raw.rates:
         return raw.sample_rate
@@ -144,7 +147,7 @@ def rate_in_file(raw: RawFile, columns: Sequence[str], place: str) -> float | No
         for rate, name in names_by_rate.items():
             texts.append(f"{name}: {f'{rate:g} Hz' if rate else 'none'}")
         raise DataError(
-            f"{place} holds channels of several rates ({', '.join(texts)}), and a recording has "
+            f"{source_name} holds channels of several rates ({', '.join(texts)}), and a recording has "
             "one.",
             field="channels",
             remedy="Select those of one rate with {channels}.",

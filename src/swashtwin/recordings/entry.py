@@ -67,12 +67,12 @@ class Entry(ReadOptions):
         )
 
     @classmethod
-    def from_mapping(cls, values: Mapping[str, Any], place: str) -> "Entry":
+    def from_mapping(cls, values: Mapping[str, Any], source_name: str) -> "Entry":
         """Return the entry of one table of an index.
 
         Parameters
         ----------
-        place : where the table stands, for messages.
+        source_name : where the table stands, for messages.
 
         Raises
         ------
@@ -86,10 +86,10 @@ class Entry(ReadOptions):
             if value is None:
                 continue
             name = "pressure" if key == "discharge_pressure" else key
-            cls._require_key(name, value, place)
+            cls._require_key(name, value, source_name)
             facts[name] = value
         if not facts.get("file"):
-            raise DataError(f'{place}: an entry needs file = "...".')
+            raise DataError(f'{source_name}: an entry needs file = "...".')
 
         attributes = facts.get("attributes")
         if isinstance(attributes, Mapping):
@@ -99,22 +99,22 @@ class Entry(ReadOptions):
             }
 
         try:
-            return from_table(facts, cls, place)
+            return from_table(facts, cls, source_name)
         except InputError as cause:
             raise DataError(str(cause)) from cause
 
     @classmethod
-    def _require_key(cls, key: str, value: Any, place: str) -> None:
+    def _require_key(cls, key: str, value: Any, source_name: str) -> None:
         keys = {field.name for field in fields(cls)}
         if key not in keys:
             matches = get_close_matches(key, keys, n=1)
             hint = f"the keys are {', '.join(sorted(keys))}."
             if matches:
                 hint = f"did you mean {matches[0]!r}?"
-            raise DataError(f"{place}: unknown key {key[:_MAX_KEY_LENGTH]!r}; {hint}")
+            raise DataError(f"{source_name}: unknown key {key[:_MAX_KEY_LENGTH]!r}; {hint}")
 
         if key in QUANTITIES and not isinstance(value, str):
             raise UnitError(
-                f"{place}: {key} is the bare number {value!r}; write it with its unit: "
+                f"{source_name}: {key} is the bare number {value!r}; write it with its unit: "
                 f'"{value!r} {QUANTITIES[key]}".'
             )

@@ -60,7 +60,7 @@ def load_recording(path: str | Path, **facts: Any) -> Recording:
 
 def load_entry(path: Path, entry: Entry) -> Recording:
     """Return the recording of the file at `path` with the facts of `entry`."""
-    place = str(path)
+    source_name = str(path)
     stamp = file_stamp(path)
     if entry.sha256:
         _require_checksum(path, entry.sha256)
@@ -74,13 +74,13 @@ def load_entry(path: Path, entry: Entry) -> Recording:
             missing_facts[key] = text
     entry = replace(entry, **missing_facts)
 
-    selected = select_columns(raw, entry, place)
-    rate = resolve_sample_rate(raw, tuple(selected), entry, place)
-    columns, unit = _scale_columns(raw, entry, selected, place)
+    selected = select_columns(raw, entry, source_name)
+    rate = resolve_sample_rate(raw, tuple(selected), entry, source_name)
+    columns, unit = _scale_columns(raw, entry, selected, source_name)
     names = entry.names or tuple(selected)
     if len(names) != len(selected):
         raise DataError(
-            f"{place}: {plural(len(names), 'name')} for {len(selected)} channels "
+            f"{source_name}: {plural(len(names), 'name')} for {len(selected)} channels "
             f"({', '.join(selected)}).",
             field="names",
             remedy="Set {names} to one name for each channel, in order.",
@@ -91,10 +91,10 @@ def load_entry(path: Path, entry: Entry) -> Recording:
     samples = Samples.from_columns(recording_id, columns, open_columns)
     attributes = _collect_attributes(raw, entry, selected, contradictions)
     if entry.resample is not None:
-        samples, rate, description = resample(samples, rate, entry.resample, place)
+        samples, rate, description = resample(samples, rate, entry.resample, source_name)
         if description:
             attributes["resampled"] = description
-    condition = _combine_conditions(entry, raw.condition, place)
+    condition = _combine_conditions(entry, raw.condition, source_name)
     if condition is None:
         attributes.update(_condition_attributes(entry))
 
@@ -144,10 +144,10 @@ def _collect_attributes(
 
 
 def _scale_columns(
-    raw: RawFile, entry: Entry, selected: Mapping[str, Column], place: str
+    raw: RawFile, entry: Entry, selected: Mapping[str, Column], source_name: str
 ) -> tuple[Columns, str]:
     """Return the selected columns with their factors, and the unit of the scaled samples."""
-    factors, unit = resolve_scaling(raw, entry, tuple(selected), place)
+    factors, unit = resolve_scaling(raw, entry, tuple(selected), source_name)
     return Columns(tuple(selected.values()), tuple(factors), raw.speeds), unit
 
 
@@ -184,7 +184,7 @@ def load_extra_channel(recording: Recording, channel: str) -> Recording:
 
 
 def _combine_conditions(
-    entry: Entry, in_file: OperatingCondition | None, place: str
+    entry: Entry, in_file: OperatingCondition | None, source_name: str
 ) -> OperatingCondition | None:
     """Return the operating point of entry and file, which must not contradict each other.
 
@@ -194,11 +194,11 @@ def _combine_conditions(
     for key, name in CONDITION_FIELDS.items():
         text = getattr(entry, key)
         if text is not None:
-            values[name] = parse_quantity(text, QUANTITIES[key], name=f"{place}: {key}")
+            values[name] = parse_quantity(text, QUANTITIES[key], name=f"{source_name}: {key}")
     for key in ("speed", "pressure"):
         if values.get(CONDITION_FIELDS[key], 1.0) <= 0:
             raise DataError(
-                f"{place}: {key} ({getattr(entry, key)}) must be above zero.", field=key
+                f"{source_name}: {key} ({getattr(entry, key)}) must be above zero.", field=key
             )
 
     if in_file is None and not {"speed", "discharge_pressure"} <= values.keys():
@@ -206,11 +206,11 @@ def _combine_conditions(
     try:
         condition = OperatingCondition(**values) if in_file is None else replace(in_file, **values)
     except InputError as cause:
-        raise DataError(f"{place}: {cause}") from cause
+        raise DataError(f"{source_name}: {cause}") from cause
 
     if in_file is not None and not in_file.matches(condition):
         raise DataError(
-            f"{place} states an operating point of {_describe_condition(in_file)}, but "
+            f"{source_name} states an operating point of {_describe_condition(in_file)}, but "
             f"{_describe_condition(condition)} is specified.",
             remedy="Correct {speed} or {pressure}.",
         )

@@ -93,18 +93,18 @@ def _apply_change(table: dict[str, Any], change: FactChange, path: Path, *, undo
             "another window or program changed it; nothing was written."
         )
 
-    place = f"{path}: {change.entry}"
+    source_name = f"{path}: {change.entry}"
     if change.value is None:
         if change.fact in defaults:
             raise InputError(
-                f"{place}: {change.fact} is specified for all recordings, in [defaults]; "
+                f"{source_name}: {change.fact} is specified for all recordings, in [defaults]; "
                 "specify another value instead of none."
             )
         entry.pop(change.fact, None)
     else:
         entry[change.fact] = change.value
-        Entry.from_mapping({**defaults, **entry}, place)
-        _require_positive(change, place)
+        Entry.from_mapping({**defaults, **entry}, source_name)
+        _require_positive(change, source_name)
 
     if change.fact == "label" and "classes" in table:
         table["classes"] = _updated_classes(table, change, undo=undo)
@@ -120,11 +120,11 @@ def _find_entry(table: dict[str, Any], change: FactChange, path: Path) -> dict[s
     return entries[0]
 
 
-def _require_positive(change: FactChange, place: str) -> None:
+def _require_positive(change: FactChange, source_name: str) -> None:
     if change.fact not in QUANTITIES:
         return
     if parse_quantity(change.value, QUANTITIES[change.fact], name=change.fact) <= 0:
-        raise DataError(f"{place}: {change.fact} ({change.value}) must be above zero.")
+        raise DataError(f"{source_name}: {change.fact} ({change.value}) must be above zero.")
 
 
 def _updated_classes(table: Mapping[str, Any], change: FactChange, *, undo: bool) -> list[str]:

@@ -150,13 +150,15 @@ def _may_match(specified: str | None, wanted: str | None) -> bool:
     return is_same_class(plain_text(str(specified)), wanted)
 
 
-def _require_declared_class(label: str | None, classes: Sequence[str] | None, place: str) -> None:
+def _require_declared_class(
+    label: str | None, classes: Sequence[str] | None, source_name: str
+) -> None:
     if classes is None or label is None or label in classes:
         return
 
     matches = get_close_matches(label, classes, n=1, cutoff=_CLASS_SIMILARITY)
     hint = f"did you mean {matches[0]!r}?" if matches else f"classes = {list(classes)}."
-    raise DataError(f"{place} has the unknown class {label!r}; {hint}")
+    raise DataError(f"{source_name} has the unknown class {label!r}; {hint}")
 
 
 def source_files(path: str | Path) -> list[Path]:

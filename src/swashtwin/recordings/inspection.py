@@ -124,17 +124,17 @@ def _merge_group(group: Sequence[tuple[str, Finding]]) -> str:
 
     if all(finding.message == first.message for _, finding in group):
         channels = ", ".join(dict.fromkeys(f.channel for _, f in group if f.channel))
-        place = f"in {len(ids)} recordings ({join_names(ids)})" if len(ids) > 1 else first_id
+        source_name = f"in {len(ids)} recordings ({join_names(ids)})" if len(ids) > 1 else first_id
         suffix = ""
     else:
         channels = first.channel or ""
-        place = first_id
+        source_name = first_id
         more = f" ({first.kind} in {len(ids) - 1} more recordings: --json)"
         suffix = more if len(ids) > 1 else ""
 
     if channels:
-        place = f"{place}, {channels}"
-    return f"{place}: {first.message}{suffix}"
+        source_name = f"{source_name}, {channels}"
+    return f"{source_name}: {first.message}{suffix}"
 
 
 def inspect_recordings(

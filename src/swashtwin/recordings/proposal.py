@@ -352,9 +352,9 @@ class _Survey:
     def _add_entry(self, raw: RawFile, values: dict[str, Any], origins: Mapping[str, str]) -> None:
         entry = self._entry(values)
         name = values["file"]
-        place = str(self.folder / name)
-        columns = list(select_columns(raw, entry, place))
-        for key in _find_missing_facts(raw, columns, entry, self.defaults.keys(), place):
+        source_name = str(self.folder / name)
+        columns = list(select_columns(raw, entry, source_name))
+        for key in _find_missing_facts(raw, columns, entry, self.defaults.keys(), source_name):
             self.missing.setdefault(key, []).append(name)
         self.facts.append(self._collect_origins(raw, columns, values, origins))
         self.entries.append(values)
@@ -462,23 +462,23 @@ def _find_named_file(path: Path, names: Sequence[str]) -> str | None:
 
 
 def _find_missing_facts(
-    raw: RawFile, columns: list[str], entry: Entry, default_keys: Set[str], place: str
+    raw: RawFile, columns: list[str], entry: Entry, default_keys: Set[str], source_name: str
 ) -> list[str]:
     """Return the facts that neither the file nor the entry states.
 
     A default of all files that contradicts this one is refused.
     """
     missing = []
-    if entry.sample_rate is None and rate_in_file(raw, columns, place) is None:
+    if entry.sample_rate is None and rate_in_file(raw, columns, source_name) is None:
         missing.append("sample_rate")
     elif "sample_rate" in default_keys:
-        resolve_sample_rate(raw, columns, entry, place)
+        resolve_sample_rate(raw, columns, entry, source_name)
 
     has_units = all(name in raw.units for name in columns)
     if not has_units and entry.unit is None and entry.sensitivity is None:
         missing.append("sensitivity" if raw.full_scale else "unit")
     elif default_keys & {"sensitivity", "unit"}:
-        resolve_scaling(raw, entry, columns, place)
+        resolve_scaling(raw, entry, columns, source_name)
 
     if not (entry.label or raw.facts.get("label")):
         missing.append("label")

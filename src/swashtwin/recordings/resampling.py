@@ -28,25 +28,25 @@ class Resampled(NamedTuple):
     """How they are computed; empty if the rate is that of the file."""
 
 
-def resample(samples: Samples, rate: float, wanted: str, place: str) -> Resampled:
+def resample(samples: Samples, rate: float, wanted: str, source_name: str) -> Resampled:
     """Return samples at another rate; the file is read when they are.
 
     Parameters
     ----------
     rate : sample rate of `samples` [Hz].
     wanted : the new rate, such as ``"12 kHz"``.
-    place : name of the file in messages.
+    source_name : name of the file in messages.
 
     Raises
     ------
     DataError
         The rate is not that of a measurement, or not in a ratio of whole numbers to `rate`.
     """
-    new_rate = parse_quantity(wanted, "Hz", name=f"{place}: resample")
+    new_rate = parse_quantity(wanted, "Hz", name=f"{source_name}: resample")
     lowest, highest = SAMPLE_RATE_RANGE_HZ
     if not lowest <= new_rate <= highest:
         raise DataError(
-            f"{place}: resample ({wanted}) is not a rate of a measurement.",
+            f"{source_name}: resample ({wanted}) is not a rate of a measurement.",
             field="resample",
             remedy="Use a rate such as {resample='12 kHz'}.",
         )
@@ -56,7 +56,7 @@ def resample(samples: Samples, rate: float, wanted: str, place: str) -> Resample
     ratio = Fraction(new_rate / rate).limit_denominator(_MAX_DENOMINATOR)
     if ratio == 0 or abs(float(ratio) * rate / new_rate - 1) > _RATE_TOLERANCE:
         raise DataError(
-            f"{place}: {rate:g} Hz cannot be resampled to {new_rate:g} Hz; "
+            f"{source_name}: {rate:g} Hz cannot be resampled to {new_rate:g} Hz; "
             "choose a ratio of whole numbers.",
             field="resample",
         )

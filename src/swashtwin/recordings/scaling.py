@@ -47,7 +47,7 @@ class _Sensitivity(NamedTuple):
     """Text that it was parsed from."""
 
     @classmethod
-    def parse(cls, text: str, place: str) -> "_Sensitivity":
+    def parse(cls, text: str, source_name: str) -> "_Sensitivity":
         """Return the sensitivity of a text such as ``"99.7 mV/g"``."""
         match = _NUMBER.fullmatch(text)
         number = float(match[1]) if match else 0.0
@@ -58,7 +58,7 @@ class _Sensitivity(NamedTuple):
                 return cls(factor, normalize_unit(unit or "1"), per, text)
 
         raise UnitError(
-            f"{place}: sensitivity ({text}) must be a number with its unit: {_SENSITIVITY_FORMS}.",
+            f"{source_name}: sensitivity ({text}) must be a number with its unit: {_SENSITIVITY_FORMS}.",
             field="sensitivity",
         )
 
@@ -94,14 +94,14 @@ def _is_sample_unit(unit: str) -> bool:
 
 
 def resolve_scaling(
-    raw: RawFile, options: ReadOptions, channels: Sequence[str], place: str
+    raw: RawFile, options: ReadOptions, channels: Sequence[str], source_name: str
 ) -> tuple[list[float], str]:
     """Return the factor of each channel and the resulting unit: m/s^2 for accelerations.
 
     Parameters
     ----------
     channels : names of the channels in the file.
-    place : name of the file in messages.
+    source_name : name of the file in messages.
 
     Raises
     ------
@@ -113,16 +113,16 @@ def resolve_scaling(
     """
     if raw.full_scale and options.sensitivity is None and options.unit != "1":
         raise DataError(
-            f"{place} holds integers without a scale.",
+            f"{source_name} holds integers without a scale.",
             field="sensitivity",
             remedy=_FULL_SCALE_REMEDY,
         )
 
-    sensitivities = _resolve_sensitivities(raw, options, channels, place)
+    sensitivities = _resolve_sensitivities(raw, options, channels, source_name)
     factors: list[float] = []
     names_by_unit: dict[str, list[str]] = {}
     for name in channels:
-        number, unit = _scale_channel(raw, options, name, sensitivities.get(name), place)
+        number, unit = _scale_channel(raw, options, name, sensitivities.get(name), source_name)
         factor = acceleration_factor(unit)
         if factor is not None:
             number *= factor
@@ -135,7 +135,7 @@ def resolve_scaling(
             f"{unit}: {', '.join(names_by_unit[unit])}" for unit in sorted(names_by_unit)
         )
         raise DataError(
-            f"{place}: the channels have different units ({listed}).",
+            f"{source_name}: the channels have different units ({listed}).",
             field="channels",
             remedy="Select those of one unit with {channels}.",
         )
@@ -143,37 +143,41 @@ def resolve_scaling(
 
 
 def _scale_channel(
-    raw: RawFile, options: ReadOptions, name: str, sensitivity: _Sensitivity | None, place: str
+    raw: RawFile,
+    options: ReadOptions,
+    name: str,
+    sensitivity: _Sensitivity | None,
+    source_name: str,
 ) -> tuple[float, str]:
     """Return the quantity for one unit of a channel's numbers: a factor and its unit."""
     if sensitivity is None:
         if name in raw.sensitivities and name not in raw.units and options.unit is None:
             raise DataError(
-                f"{place} states the sensitivity {raw.sensitivities[name]} of {name!r}, "
+                f"{source_name} states the sensitivity {raw.sensitivities[name]} of {name!r}, "
                 "but not its unit.",
                 field="unit",
                 remedy="Set {unit='V'} or {unit='mV'}, or {unit='g'} if it is applied already.",
             )
-        return 1.0, _resolve_unit(raw.units.get(name), options.unit, name, place)
+        return 1.0, _resolve_unit(raw.units.get(name), options.unit, name, source_name)
 
     unit_in_file = raw.units.get(name, raw.facts.get("unit"))
     unit = None
     if unit_in_file is not None or options.unit is not None:
-        unit = _resolve_unit(unit_in_file, options.unit, name, place)
+        unit = _resolve_unit(unit_in_file, options.unit, name, source_name)
     if sensitivity.per is None:
-        _require_plain_numbers(raw, name, unit, unit_in_file, sensitivity, place)
+        _require_plain_numbers(raw, name, unit, unit_in_file, sensitivity, source_name)
         return sensitivity.factor, sensitivity.unit
 
     if raw.full_scale:
         raise DataError(
-            f"{place} holds integers without a scale, and {sensitivity.text} is for channels in "
+            f"{source_name} holds integers without a scale, and {sensitivity.text} is for channels in "
             f"{sensitivity.per}.",
             field="sensitivity",
             remedy="Set the value of full scale, such as {sensitivity='50 m/s^2'}.",
         )
     if unit is None:
         raise DataError(
-            f"{place} does not state the unit in which {name!r} was recorded.",
+            f"{source_name} does not state the unit in which {name!r} was recorded.",
             field="unit",
             remedy=(
                 "Set {unit='V'} or {unit='mV'} in addition to the sensitivity, or the value of one "
@@ -183,7 +187,7 @@ def _scale_channel(
     factor = sensitivity.value_of(unit)
     if factor is None:
         raise DataError(
-            f"{place}: {name!r} is in {unit}, and the sensitivity {sensitivity.text} is for "
+            f"{source_name}: {name!r} is in {unit}, and the sensitivity {sensitivity.text} is for "
             f"channels in {sensitivity.per}; correct one of them.",
             field="sensitivity",
         )
@@ -196,7 +200,7 @@ def _require_plain_numbers(
     unit: str | None,
     unit_in_file: str | None,
     sensitivity: _Sensitivity,
-    place: str,
+    source_name: str,
 ) -> None:
     """Refuse a sensitivity of plain numbers for a channel that has a unit."""
     if unit in (None, "1") or re.fullmatch(_COUNT, str(unit)):
@@ -204,45 +208,46 @@ def _require_plain_numbers(
 
     if raw.full_scale:
         raise DataError(
-            f"{place} holds integers, and their full scale is {sensitivity.text} by the "
+            f"{source_name} holds integers, and their full scale is {sensitivity.text} by the "
             "sensitivity.",
             field="unit",
             remedy="Remove {unit}, or set it for the other files only, not in [defaults].",
         )
     source = "the file" if unit_in_file else "unit"
     raise DataError(
-        f"{place}: {name!r} is in {unit} already, according to {source}, and the sensitivity "
+        f"{source_name}: {name!r} is in {unit} already, according to {source}, and the sensitivity "
         f"{sensitivity.text} is for numbers without a unit; remove one of them.",
         field="sensitivity",
     )
 
 
 def _resolve_sensitivities(
-    raw: RawFile, options: ReadOptions, channels: Sequence[str], place: str
+    raw: RawFile, options: ReadOptions, channels: Sequence[str], source_name: str
 ) -> dict[str, _Sensitivity]:
     """Return the sensitivity of each channel that has one."""
     if options.sensitivity is None:
-        return _sensitivities_in_file(raw, options, channels, place)
+        return _sensitivities_in_file(raw, options, channels, source_name)
 
     if isinstance(options.sensitivity, str):
         texts: Sequence[str] = (options.sensitivity,)
     else:
         texts = options.sensitivity
     if any("=" in text for text in texts):
-        return _named_sensitivities(texts, options, channels, place)
+        return _named_sensitivities(texts, options, channels, source_name)
 
     if len(texts) == 1:
-        sensitivity = _Sensitivity.parse(texts[0], place)
+        sensitivity = _Sensitivity.parse(texts[0], source_name)
         matching = _channels_of_sensitivity(raw, options, channels, sensitivity)
         return dict.fromkeys(matching or channels, sensitivity)
     if len(texts) != len(channels):
         raise DataError(
-            f"{place}: {len(texts)} sensitivities for {len(channels)} channels "
+            f"{source_name}: {len(texts)} sensitivities for {len(channels)} channels "
             f"({', '.join(channels)}).",
             field="sensitivity",
         )
     return {
-        name: _Sensitivity.parse(text, place) for name, text in zip(channels, texts, strict=True)
+        name: _Sensitivity.parse(text, source_name)
+        for name, text in zip(channels, texts, strict=True)
     }
 
 
@@ -259,7 +264,7 @@ def _channels_of_sensitivity(
 
 
 def _named_sensitivities(
-    texts: Sequence[str], options: ReadOptions, channels: Sequence[str], place: str
+    texts: Sequence[str], options: ReadOptions, channels: Sequence[str], source_name: str
 ) -> dict[str, _Sensitivity]:
     """Return the sensitivities of texts ``NAME=QUANTITY``; the last one of a channel counts."""
     new_names = dict(zip(channels, options.names or (), strict=False))
@@ -273,17 +278,17 @@ def _named_sensitivities(
                 names.append(name)
         if not names or not quantity:
             raise DataError(
-                f"{place}: sensitivity ({text}) names no channel; use NAME=QUANTITY for some of "
+                f"{source_name}: sensitivity ({text}) names no channel; use NAME=QUANTITY for some of "
                 f"{', '.join(channels)}.",
                 field="sensitivity",
             )
-        sensitivity = _Sensitivity.parse(quantity, place)
+        sensitivity = _Sensitivity.parse(quantity, source_name)
         sensitivities.update(dict.fromkeys(names, sensitivity))
     return sensitivities
 
 
 def _sensitivities_in_file(
-    raw: RawFile, options: ReadOptions, channels: Sequence[str], place: str
+    raw: RawFile, options: ReadOptions, channels: Sequence[str], source_name: str
 ) -> dict[str, _Sensitivity]:
     """Return the sensitivities that the file states for channels in volts."""
     sensitivities: dict[str, _Sensitivity] = {}
@@ -297,14 +302,14 @@ def _sensitivities_in_file(
         text = raw.sensitivities[name]
         if _BARE_NUMBER.fullmatch(text):
             raise DataError(
-                f"{place} states the sensitivity {text} of {name!r} without its unit.",
+                f"{source_name} states the sensitivity {text} of {name!r} without its unit.",
                 field="sensitivity",
                 remedy=(
                     f"Set {{sensitivity='{text} mV/g'}} or whatever it is, or {{unit='g'}} if it "
                     "is applied already."
                 ),
             )
-        sensitivity = _Sensitivity.parse(text, place)
+        sensitivity = _Sensitivity.parse(text, source_name)
         if unit and sensitivity.value_of(unit) is not None:
             sensitivities[name] = sensitivity
     return sensitivities
@@ -336,12 +341,12 @@ def vibration_columns(raw: RawFile, options: ReadOptions) -> list[str]:
     return columns if has_acceleration and columns else list(raw.columns)
 
 
-def _resolve_unit(in_file: str | None, specified: str | None, name: str, place: str) -> str:
+def _resolve_unit(in_file: str | None, specified: str | None, name: str, source_name: str) -> str:
     """Return the unit of the file or the options, which must not contradict each other."""
     if specified is None:
         if in_file is None:
             raise DataError(
-                f"{place} does not state the unit of {name!r}.",
+                f"{source_name} does not state the unit of {name!r}.",
                 field="unit",
                 remedy="Set {unit='g'}, {unit='m/s^2'}, or {unit='1'} if it is unknown.",
             )
@@ -363,7 +368,7 @@ def _resolve_unit(in_file: str | None, specified: str | None, name: str, place: 
     else:
         remedy = "Remove {unit}, or correct the file."
     raise DataError(
-        f"{place} states that {name!r} is in {in_file}, but {specified} is specified.",
+        f"{source_name} states that {name!r} is in {in_file}, but {specified} is specified.",
         field="unit",
         remedy=remedy,
     )

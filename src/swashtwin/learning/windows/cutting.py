@@ -93,11 +93,11 @@ def cut_windows(
     windows_by_recording: list[Float32[np.ndarray, "_window channel time"]] = []
     content: dict[str, tuple[str, ...]] = {}
     for stored in recordings:
-        # Unloaded copies, so that memory does not keep the samples of all recordings.
-        recording = _load_if_short(stored.unloaded())
-        require_usable(recording)
-        content.update(build_manifest([recording]))
-        windows_by_recording.append(_slices(recording, length, stride))
+        # Loaded for these steps only, so that memory does not keep the samples of all recordings.
+        with stored.loaded(_MAX_SAMPLES_IN_MEMORY) as recording:
+            require_usable(recording)
+            content.update(build_manifest([recording]))
+            windows_by_recording.append(_slices(recording, length, stride))
     return _assemble(recordings, windows_by_recording, stride, class_names, content)
 
 
@@ -181,7 +181,7 @@ def _slices(
     windows = np.empty((n_windows, len(recording.channels), length), dtype=np.float32)
     block_size = max(1, BLOCK_SAMPLES // stride)
     for first, last in _blocks(recording.n_samples, length, stride, block_size):
-        signal = recording.slice(first * stride, (last - 1) * stride + length).signal
+        signal = recording.samples.signal_part(first * stride, (last - 1) * stride + length)
         views = np.lib.stride_tricks.sliding_window_view(signal, length, axis=1)[:, ::stride]
         windows[first:last] = views.transpose(1, 0, 2)
     return windows

@@ -173,13 +173,15 @@ def test_a_mail_reaches_the_server_with_subject_reasons_link_and_identity_and_no
         send(MESSAGE, mail_channel(port, recipients=("d@e.f", "g@h.i")), folder=tmp_path)
         hostile = AlarmMessage("p\r\nBcc: x@y.z", "any", "pump", "opened", "now", "3")
         send(hostile, mail_channel(port), folder=tmp_path)
-    mail, other = (message_from_bytes(content, policy=policy.default) for content in server.mails)
+    mail, second_mail = (
+        message_from_bytes(content, policy=policy.default) for content in server.mails
+    )
     assert mail["Subject"] == "pump-1: pump alarm opened (860 rpm, 10 MPa)"
     assert mail["To"] == "d@e.f, g@h.i"
     assert mail["Message-ID"] == "<alarm-17-opened@swashtwin>"
     assert "+9.1 dB at shaft order 9" in mail.get_content()
     assert "http://127.0.0.1:8642/alarms/17" in mail.get_content()
-    assert other["Bcc"] is None
+    assert second_mail["Bcc"] is None
 
 
 @pytest.mark.parametrize(

@@ -49,9 +49,9 @@ def test_the_first_twenty_recordings_are_learned_from_and_judged_by_nothing(
     machine: Machine,
 ) -> None:
     point_judgments = course(machine, [0.0] * 21)
-    assert [item.learned for item in point_judgments[:20]] == list(range(1, 21))
-    assert {item.stage for item in point_judgments[:20]} == {"learning"}
-    assert all(item.capital is None and not item.is_alarm for item in point_judgments[:20])
+    assert [result.learned for result in point_judgments[:20]] == list(range(1, 21))
+    assert {result.stage for result in point_judgments[:20]} == {"learning"}
+    assert all(result.capital is None and not result.is_alarm for result in point_judgments[:20])
     assert point_judgments[20].stage == "watching"
     assert point_judgments[20].p_value is not None
 
@@ -74,7 +74,7 @@ def test_a_rise_of_five_orders_raises_an_alarm_that_names_them(
     machine: Machine, watched: OperatingPointState
 ) -> None:
     point_judgments = course(machine, [12.0] * 8, watched, 40)
-    raised = [item.pump for item in point_judgments].index("raised")
+    raised = [result.pump for result in point_judgments].index("raised")
     assert raised <= 5
     evidence = point_judgments[raised]
     assert evidence.is_alarm
@@ -92,15 +92,15 @@ def test_one_large_recording_raises_no_alarm(
 ) -> None:
     point_judgments = course(machine, [20.0, *[0.0] * 10], watched, 40)
     assert point_judgments[0].is_large
-    assert not any(item.pump for item in point_judgments)
+    assert not any(result.pump for result in point_judgments)
 
 
 def test_while_an_alarm_stands_nothing_is_bet_and_five_quiet_recordings_clear_it(
     machine: Machine, watched: OperatingPointState
 ) -> None:
     point_judgments = course(machine, [*[12.0] * 8, *[0.0] * 6], watched, 40)
-    assert len({item.capital for item in point_judgments if item.is_alarm}) == 1
-    assert [item.pump for item in point_judgments[8:]] == [None] * 4 + ["cleared", None]
+    assert len({result.capital for result in point_judgments if result.is_alarm}) == 1
+    assert [result.pump for result in point_judgments[8:]] == [None] * 4 + ["cleared", None]
     assert point_judgments[-1].capital is not None
     assert point_judgments[-1].capital <= 1
 
@@ -111,18 +111,18 @@ def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
     band_powers = baseline_band_powers(to_table(watched.baseline))
     point_judgment = course(machine, [0.0], watched, 40)[0]
     assert band_powers.keys() == point_judgment.band_powers.keys()
-    far = [
+    spreads = [
         abs(point_judgment.band_powers[key] - median) / spread
         for key, (median, spread) in band_powers.items()
     ]
-    assert np.mean(far) < 2
+    assert np.mean(spreads) < 2
 
 
 def test_the_same_recordings_give_the_same_judgements(
     machine: Machine, watched: OperatingPointState
 ) -> None:
     first, second = (course(machine, [0.0, 9.0, 12.0], watched, 40) for _ in range(2))
-    assert [item.to_dict() for item in first] == [item.to_dict() for item in second]
+    assert [result.to_dict() for result in first] == [result.to_dict() for result in second]
 
 
 @pytest.mark.parametrize(

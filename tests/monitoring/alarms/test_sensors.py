@@ -23,12 +23,12 @@ def first(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], 
     return lambda signal: np.vstack([change(signal[:1]), signal[1:]])
 
 
-def at(places: slice | int, value: float | None) -> Callable[[np.ndarray], np.ndarray]:
+def at(samples: slice | int, value: float | None) -> Callable[[np.ndarray], np.ndarray]:
     """The first sensor shows one value at some samples: its own first one where none is given."""
 
     def changed(signal: np.ndarray) -> np.ndarray:
         signal = signal.copy()
-        signal[0, places] = signal[0, 0] if value is None else value
+        signal[0, samples] = signal[0, 0] if value is None else value
         return signal
 
     return changed
@@ -42,7 +42,8 @@ def saturated(signal: np.ndarray) -> np.ndarray:
 
 def loose(signal: np.ndarray) -> np.ndarray:
     """The plug moves: steps that decay within half a second."""
-    rng, length = random_stream(0, "plug"), signal.shape[1]
+    rng = random_stream(0, "plug")
+    length = signal.shape[1]
     kick = np.where(rng.random(length) < 5 / length, rng.normal(0, 40 * signal.std(), length), 0.0)
     return signal + np.convolve(kick, np.exp(-np.arange(length) / (length / 5)))[:length]
 
@@ -71,7 +72,8 @@ def doubled(gain: float, offset: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda signal: np.vstack([gain * signal[1:2] + offset, signal[1:]])
 
 
-flat, spiky = at(slice(None), 0.0), at(1000, 1e38)
+flat = at(slice(None), 0.0)
+spiky = at(1000, 1e38)
 FAULTS = {
     "flat": ("flat", flat),
     "partly flat": ("flat", at(slice(10_000), None)),
@@ -122,7 +124,8 @@ def watched(rig: list[Recording]) -> OperatingPointState:
 def test_a_sensor_at_fault_on_the_rig_is_named_and_the_test_of_the_pump_does_not_move(
     rig: list[Recording], watched: OperatingPointState, fault: str
 ) -> None:
-    state, changes = watched, []
+    state = watched
+    changes = []
     for recording in rig[10:]:
         kind, change = FAULTS[fault]
         point_judgment = MONITOR.judge(recording.replace(signal=change(recording.signal)), state)
@@ -142,16 +145,18 @@ def test_healthy_recordings_show_a_finding_less_often_than_one_in_a_thousand() -
     """5,200 recordings of 20 machines; the upper end of the interval of Clopper and Pearson
     counts.
     """
-    count = found = 0
+    count = n_findings = 0
     for pump in range(20):
-        monitor, state = OperatingPointMonitor(f"pump-{pump}"), None
+        monitor = OperatingPointMonitor(f"pump-{pump}")
+        state = None
         for number in range(280):
             judgment = monitor.judge(Machine().recording(1000 * pump + number, seconds=0.5), state)
             state = judgment.state
             if judgment.stage != "learning":
-                count, found = count + 1, found + bool(judgment.findings)
+                count += 1
+            n_findings += bool(judgment.findings)
     assert count == 5200
-    assert scipy.stats.beta.ppf(0.975, found + 1, count - found) < 1e-3
+    assert scipy.stats.beta.ppf(0.975, n_findings + 1, count - n_findings) < 1e-3
 
 
 @pytest.mark.parametrize("break_sensor", [flat, spiky, first(saturated), first(loose)])
@@ -173,7 +178,8 @@ def test_a_faulty_pump_is_no_sensor_at_fault(machine: Machine) -> None:
 
 
 def test_levels_that_fall_while_none_rises_are_no_sign_of_health(machine: Machine) -> None:
-    monitor, state = OperatingPointMonitor("A"), None
+    monitor = OperatingPointMonitor("A")
+    state = None
     for number in range(22):
         recording = machine.recording(number)
         gain = 1.0 if number < 20 else 0.45

@@ -90,7 +90,7 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
     measure_again(config, 1, "Severity: 30 um.", monkeypatch, verdict="weak")
     measure_again(config, 0, "Severity: 99 um.", monkeypatch, verdict="weak")
     run_watch(config, once=True)
-    words = (
+    command = (
         "watch",
         "event",
         config.path,
@@ -100,7 +100,7 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
         "--maintenance",
         "--json",
     )
-    assert json.loads(run(*words).stdout)["found"] == "piston 3, 30 um"
+    assert json.loads(run(*command).stdout)["found"] == "piston 3, 30 um"
     history = History.open("", config.folder)
     (alarm,) = history.reader.alarms("pump-1")
     assert (alarm.evidence["suspect"]["certainty"], alarm.evidence["suspect"]["label"]) == (
@@ -117,7 +117,7 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
         alarm.evidence["suspect"]["recording"],
     )
     of_recording = {
-        item.state: item.reasons["suspect"] for item in history.reader.recordings("pump-1")
+        row.state: row.reasons["suspect"] for row in history.reader.recordings("pump-1")
     }
     assert of_recording["alarm"]["probabilities"].keys() == {
         "normal",
@@ -128,11 +128,11 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
     assert of_recording["learning"] is None
     assert history.reader.events("pump-1")[0].note == "found: piston 3, 30 um"
     page = TestClient(build_watch_page(config, history), base_url="http://127.0.0.1:8642")
-    shown = page.get("/alarms/1").text
+    page_text = page.get("/alarms/1").text
     assert (
-        shown.index("Suspect: piston")
-        < shown.index("Severity: 30 um.")
-        < shown.index("Finding: piston 3")
+        page_text.index("Suspect: piston")
+        < page_text.index("Severity: 30 um.")
+        < page_text.index("Finding: piston 3")
     )
     assert page.get("/api/alarms/1").json()["evidence"]["severity"] == severity
     history.close()
@@ -147,10 +147,10 @@ def measure_again(
     config: WatchConfig, times: int, sentence: str, monkeypatch: pytest.MonkeyPatch, **answer: str
 ) -> None:
     """A watch that starts anew measures the severity so many times, however often it looks."""
-    asked = []
+    requests = []
 
     def measure_severity(question: SeverityRequest) -> dict[str, Any]:
-        asked.append(question)
+        requests.append(question)
         return {"label": question.label, "sentence": sentence, "notes": [], **answer}
 
     monkeypatch.setattr(severities, "measure_severity", measure_severity)
@@ -159,7 +159,7 @@ def measure_again(
     measurer.measure_all(threading.Event())
     measurer.measure_all(threading.Event())
     history.close()
-    assert len(asked) == times
+    assert len(requests) == times
 
 
 def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
@@ -172,18 +172,18 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
         healthy = tuple(plant.worn.parent.glob("A_normal*"))
         return SeverityRequest(machine, label, worn, healthy).measure()
 
-    found = measured("piston")  # the pump has a recess
-    assert found["verdict"] == "not detected"
-    assert found["sentence"].startswith("Severity, if piston: clearance ")
-    assert found["sentence"].endswith(
-        f"not detected; detection limit {found['detection_limit']:.3g} µm."
+    severity = measured("piston")  # the pump has a recess
+    assert severity["verdict"] == "not detected"
+    assert severity["sentence"].startswith("Severity, if piston: clearance ")
+    assert severity["sentence"].endswith(
+        f"not detected; detection limit {severity['detection_limit']:.3g} µm."
     )
-    assert found["interval"][0] == 0 < found["value"] < found["interval"][1]
-    assert any("calibration is in doubt" in note for note in found["notes"])
+    assert severity["interval"][0] == 0 < severity["value"] < severity["interval"][1]
+    assert any("calibration is in doubt" in note for note in severity["notes"])
     elsewhere = write_recording(
         at_speed(1).replace(condition=AT_15.replace(discharge_pressure=1e7)), tmp_path / "a.h5"
     )
-    for facts, words in (
+    for facts, message in (
         ({"label": "other"}, "no fault of the class"),
         ({"label": "piston", "pistons": 9}, "another pump, 25scy14-1b"),
         ({"label": "piston", "worn": None}, "were not kept"),
@@ -192,7 +192,7 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
             "is for 860 rpm, 15 MPa, but the recording is at 860 rpm, 10 MPa",
         ),
     ):
-        with pytest.raises(DataError, match=words):
+        with pytest.raises(DataError, match=message):
             measured(**facts)
 
 
@@ -205,7 +205,7 @@ def test_nothing_is_found_where_there_was_no_alarm(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "certainty", "words"),
+    ("changes", "certainty", "sentence"),
     [
         ({"probabilities": {"piston": 0.9, "normal": 0.1}}, "sure", "Suspect: piston (90 %)."),
         (
@@ -235,21 +235,22 @@ def test_nothing_is_found_where_there_was_no_alarm(tmp_path: Path) -> None:
     ],
 )
 def test_a_suspect_is_as_sure_as_its_prior(
-    changes: dict[str, object], certainty: str, words: str
+    changes: dict[str, object], certainty: str, sentence: str
 ) -> None:
     suspect = Suspect.of(replace(Diagnosis("a", "prior", label="piston"), **changes))
     assert suspect.certainty == certainty
-    assert words in suspect.sentence
+    assert sentence in suspect.sentence
 
 
 def test_where_no_suspect_can_be_named_it_is_said_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    state, loud = learned(), at_speed(50, 6.0)
+    state = learned()
+    loud = at_speed(50, 6.0)
     damaged = tmp_path / "damaged.safetensors"
     damaged.write_bytes(b"no prior")
     pump = Machine(name="pump-1", pistons=PISTONS)
-    for machine, recording, known, point, words in (
+    for machine, recording, known_state, point, sentence in (
         (Machine(name="pump-1"), loud, state, POINT, "Add pump or pistons"),
         (pump, loud, state, OperatingPoint(None, None), "the speed is not known"),
         (pump, loud, learned(None), POINT, "learned without the piston count"),
@@ -264,9 +265,9 @@ def test_where_no_suspect_can_be_named_it_is_said_why(
             "damaged.safetensors",
         ),
     ):
-        suspect = named(machine, recording, known, point)
+        suspect = named(machine, recording, known_state, point)
         assert (suspect.certainty, suspect.label) == ("none", None)
-        assert words in suspect.sentence
+        assert sentence in suspect.sentence
     monkeypatch.setattr(sys, "executable", "/no/python")
     assert "could not be adapted (FileNotFoundError)" in named(pump, loud, state).sentence
 

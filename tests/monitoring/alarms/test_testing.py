@@ -33,7 +33,8 @@ def run(
     are bet on at 1.
     """
     pairs = list(zip(scores.tolist(), is_large.tolist(), strict=True))
-    test, capital = ConformalTest.calibrated(pairs[:learning]), []
+    test = ConformalTest.calibrated(pairs[:learning])
+    capital = []
     for score, large in pairs[learning:]:
         p_value = test.p_value(score, large, rng.random())
         test = test.bet(score, large, p_value if large else 1.0)
@@ -109,13 +110,15 @@ def test_a_lasting_change_is_noticed_within_six_recordings_early_and_late(
 def test_a_test_that_went_through_json_goes_on_as_if_it_had_not(
     steps: list[tuple[float, bool, float]],
 ) -> None:
-    test = other = ConformalTest.calibrated([(0.5, False), (0.0, False), (2.0, True)])
+    test = stored_test = ConformalTest.calibrated([(0.5, False), (0.0, False), (2.0, True)])
     for step in steps:
         test = test.bet(*step)
-        other = from_table(json.loads(json.dumps(to_table(other.bet(*step)))), ConformalTest)
-    assert other.capital == test.capital
-    assert other.n_scores == 3 + len(steps)
-    assert other.p_value(1.0, True, 0.3) == test.p_value(1.0, True, 0.3)
+        stored_test = from_table(
+            json.loads(json.dumps(to_table(stored_test.bet(*step)))), ConformalTest
+        )
+    assert stored_test.capital == test.capital
+    assert stored_test.n_scores == 3 + len(steps)
+    assert stored_test.p_value(1.0, True, 0.3) == test.p_value(1.0, True, 0.3)
 
 
 @given(some.lists(some.tuples(some.booleans(), some.floats(0.001, 1)), min_size=1, max_size=40))
@@ -144,16 +147,17 @@ def test_the_grid_keeps_the_order_of_scores(first: float, second: float) -> None
 
 
 @given(some.lists(some.tuples(some.booleans(), some.booleans()), max_size=60))
-def test_a_condition_is_raised_by_persistence_with_evidence_and_cleared_by_quiet(
+def test_an_alarm_is_raised_by_persistence_with_evidence_and_cleared_by_quiet(
     course: list[tuple[bool, bool]],
 ) -> None:
-    condition, events = AlarmState(), []
+    state = AlarmState()
+    events = []
     for number, (is_large, is_proven) in enumerate(course):
-        was_active = condition.is_active
-        condition, change = condition.update(is_large, is_proven=is_proven)
-        before = [large for large, _ in course[: number + 1]]
-        is_quiet = len(before) >= N_QUIET and not any(before[-N_QUIET:])
+        was_active = state.is_active
+        state, change = state.update(is_large, is_proven=is_proven)
+        supports = [large for large, _ in course[: number + 1]]
+        is_quiet = len(supports) >= N_QUIET and not any(supports[-N_QUIET:])
         assert (change == "cleared") == (was_active and is_quiet)
-        assert change != "raised" or (is_proven and sum(before[-N_RECENT:]) >= N_PERSISTENT)
+        assert change != "raised" or (is_proven and sum(supports[-N_RECENT:]) >= N_PERSISTENT)
         events += [change] if change else []
     assert events == [("raised", "cleared")[n % 2] for n in range(len(events))]

@@ -75,8 +75,8 @@ def test_the_command_exports_what_a_configuration_or_a_url_names_and_makes_no_da
         'folder = "data"\n[[machine]]\nname = "pump-1"\n[[source]]\nkind = "http"\n',
         encoding="utf-8",
     )
-    for nowhere, words in ((url, "does not exist"), (postgresql_url, "has no history yet")):
-        assert words in run("history", "export", nowhere, "--out", str(out), code=3).stderr
+    for nowhere, message in ((url, "does not exist"), (postgresql_url, "has no history yet")):
+        assert message in run("history", "export", nowhere, "--out", str(out), code=3).stderr
     assert not (tmp_path / "data").exists()
     history = History.open("", tmp_path / "data")
     with history.machine("pump-1") as transaction:
@@ -92,14 +92,17 @@ def test_the_command_exports_what_a_configuration_or_a_url_names_and_makes_no_da
 def test_without_its_extra_a_watch_says_what_to_install(tmp_path: Path) -> None:
     write_example(tmp_path / "watch.toml")
     program = "import sys; sys.modules['sqlalchemy'] = None; from swashtwin.cli import main; main()"
-    for words in (
+    for arguments in (
         ("history", "export", "watch.toml", "--out", "out"),
         ("watch", "run", "watch.toml", "--once"),
     ):
-        command = [sys.executable, "-c", program, *words]
+        command = [sys.executable, "-c", program, *arguments]
         process = subprocess.run(
             command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
         )
         assert process.returncode == 3
-        said = process.stderr.replace("'", '"')
-        assert 'needs sqlalchemy, which is not installed: pip install "swashtwin[monitor]"' in said
+        error_text = process.stderr.replace("'", '"')
+        assert (
+            'needs sqlalchemy, which is not installed: pip install "swashtwin[monitor]"'
+            in error_text
+        )

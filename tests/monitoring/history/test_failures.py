@@ -50,7 +50,7 @@ def start() -> Any:
 
 def _is_consistent(history: History, machine: str, count: int) -> None:
     stored = history.reader.recordings(machine, limit=10_000)
-    assert sorted(item.content for item in stored) == sorted(
+    assert sorted(row.content for row in stored) == sorted(
         judgment(n).content for n in range(count)
     )
     (point,) = history.reader.operating_points(machine)
@@ -62,9 +62,9 @@ def _is_consistent(history: History, machine: str, count: int) -> None:
         range(count)
     )
     assert all(
-        (history.waveforms.folder / item.waveform).is_file()
-        for item in stored
-        if item.waveform is not None
+        (history.waveforms.folder / row.waveform).is_file()
+        for row in stored
+        if row.waveform is not None
     )
 
 
@@ -95,9 +95,9 @@ def test_a_writer_killed_at_random_moments_loses_nothing_and_files_nothing_twice
     monkeypatch.setattr("swashtwin.monitoring.history.waveforms.MIN_ORPHAN_AGE_S", -1)
     history.waveforms.sweep()
     rows = [
-        history.waveforms.folder / item.waveform
-        for item in history.reader.recordings("pump-1", limit=10_000)
-        if item.waveform
+        history.waveforms.folder / row.waveform
+        for row in history.reader.recordings("pump-1", limit=10_000)
+        if row.waveform
     ]
     assert sorted(history.waveforms.folder.rglob("*.h5")) == sorted(rows)
     history.close()
@@ -149,8 +149,8 @@ def test_a_claimed_message_is_due_again_after_its_lease(
     history.outbox.mark_failed(message.id, "no route", delay=0)
     assert history.outbox.claim(["mail"]) == ()
     monkeypatch.setattr("swashtwin.monitoring.history.outbox.LEASE", timedelta(0))
-    (again,) = history.outbox.claim(["log"])
-    assert (again.id, again.attempts, again.error) == (message.id, 3, "no route")
+    (repeated,) = history.outbox.claim(["log"])
+    assert (repeated.id, repeated.attempts, repeated.error) == (message.id, 3, "no route")
     (dead,) = history.outbox.claim(["log"])
     assert dead.attempts == 4
     history.outbox.mark_sent(dead.id)
@@ -274,7 +274,8 @@ def test_a_waveform_that_another_watch_removes_while_it_is_written_is_written_ag
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     history = History.open("", tmp_path)
-    flush, removed = waveforms._flush, []
+    flush = waveforms._flush
+    removed: list[Path] = []
 
     def flush_late(path: Path) -> None:
         if not removed:

@@ -69,15 +69,15 @@ def test_recordings_come_newest_first_in_pages_and_by_filter(history: History) -
                 judgment(number, state=states[number], point="b" if number == 2 else "a")
             )
         assert transaction.newest() == START + timedelta(hours=4)
-    read = history.reader
+    reader = history.reader
 
     def numbers(**options: object) -> list[int]:
-        results = read.recordings("pump-1", **options)  # type: ignore[arg-type]
+        results = reader.recordings("pump-1", **options)  # type: ignore[arg-type]
         return [int(stored.file.removesuffix(".wav")) for stored in results]
 
     assert numbers() == [4, 3, 2, 1, 0]
     assert numbers(limit=2) == [4, 3]
-    assert numbers(before=read.recordings("pump-1", limit=2)[-1].id) == [2, 1, 0]
+    assert numbers(before=reader.recordings("pump-1", limit=2)[-1].id) == [2, 1, 0]
     assert numbers(state="normal") == [4, 2, 0]
     assert numbers(point="b") == [2]
     assert numbers(since=START + timedelta(hours=1), until=START + timedelta(hours=3)) == [2, 1]
@@ -147,8 +147,12 @@ def test_a_rejection_of_the_same_content_is_counted_and_all_are_bounded(
         time = START + timedelta(hours=hour)
         history.reject(rejection("a.wav", "c", received=time, machine="pump-1", reason="double"))
     history.reject(rejection("b.wav", "", source="http", copy="b.wav"))
-    last, first = history.reader.rejections()
-    assert (last.times, last.received, last.machine) == (3, START + timedelta(hours=2), "pump-1")
+    newest, first = history.reader.rejections()
+    assert (newest.times, newest.received, newest.machine) == (
+        3,
+        START + timedelta(hours=2),
+        "pump-1",
+    )
     assert (first.times, first.machine, first.copy) == (1, "", "b.wav")
     assert history.reader.rejections_by_reason() == {"double": 3, "broken": 1}
     monkeypatch.setattr("swashtwin.monitoring.history.history.MAX_REJECTIONS", 5)
@@ -171,11 +175,11 @@ def test_retention_keeps_alarms_one_a_day_and_the_last(history_url: str, tmp_pat
     for number in range(60):
         add(history, judgment(number, state=states.get(number, "normal")), number)
     stored = history.reader.recordings("pump-1", limit=100)
-    numbers = [int(item.file[:-4]) for item in reversed(stored) if item.waveform is not None]
+    numbers = [int(row.file[:-4]) for row in reversed(stored) if row.waveform is not None]
     # Recordings begin at six o'clock, so days begin with numbers 0, 18 and 42.
     assert numbers == [0, 18, 30, 31, 42, 57, 58, 59]
     assert len(list(history.waveforms.folder.rglob("*.h5"))) == len(numbers)
-    alarm = next(item for item in stored if item.file == "30.wav")
+    alarm = next(row for row in stored if row.file == "30.wav")
     samples = history.reader.waveform(alarm.id)
     assert samples is not None
     np.testing.assert_array_equal(samples.signal, waveform(30).signal)
@@ -188,7 +192,7 @@ def test_retention_keeps_alarms_one_a_day_and_the_last(history_url: str, tmp_pat
             with history.machine("pump-1") as transaction:
                 transaction.open_alarm("pump", "a", START, {}, added)
     stored = history.reader.recordings("pump-1", limit=10)
-    assert [int(item.file[:-4]) for item in stored if item.waveform] == [69, 68, 67, 64, 63, 62]
+    assert [int(row.file[:-4]) for row in stored if row.waveform] == [69, 68, 67, 64, 63, 62]
     history.close()
 
 

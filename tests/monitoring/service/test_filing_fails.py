@@ -89,13 +89,13 @@ def file_all(
             repeat(lambda file=file: spool.remove(file))
     if kind == "statement":
         event.remove(history._database._engine, "before_cursor_execute", counter)
-    contents = [item.content for item in history.reader.recordings()]
-    names = {item.waveform for item in history.reader.recordings()}
+    contents = [row.content for row in history.reader.recordings()]
+    names = {row.waveform for row in history.reader.recordings()}
     assert len(contents) == 1
     assert all((history.waveforms.folder / str(name)).is_file() for name in names)
     assert history.reader.machines()[0].recordings == 1
     assert history.reader.recordings_by_state() == {("pump-1", "learning"): 1}
-    assert {item.reason for item in history.reader.rejections()} <= {"double"}
+    assert {row.reason for row in history.reader.rejections()} <= {"double"}
     assert not list((config.folder / "spool").iterdir())
     history.close()
     return failure.has_failed
@@ -124,7 +124,7 @@ def _spool_write() -> Callable[..., Any]:
 
 
 @pytest.mark.parametrize(
-    ("kind", "least"),
+    ("kind", "min_calls"),
     [
         pytest.param("statement", 8, marks=pytest.mark.nightly),
         ("write", 3),
@@ -133,10 +133,10 @@ def _spool_write() -> Callable[..., Any]:
     ],
 )
 def test_whichever_call_fails_once_the_recording_is_filed_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, least: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, min_calls: int
 ) -> None:
     content = write_recording(hum(1), tmp_path / "a.h5").read_bytes()
     number = 1
     while file_all(tmp_path / str(number), content, number, kind, monkeypatch):
         number += 1
-    assert number > least, "there must be calls that fail"
+    assert number > min_calls, "there must be calls that fail"

@@ -40,7 +40,9 @@ def block(seed: int) -> bytes:
 @contextmanager
 def watching(config: WatchConfig) -> Iterator[tuple[str, list[Outcome]]]:
     """(address of the page, what was judged) of a watch that runs."""
-    stop, started, errors = threading.Event(), threading.Event(), []
+    stop = threading.Event()
+    started = threading.Event()
+    errors = []
     outcomes: list[Outcome] = []
     addresses: list[str | None] = []
 
@@ -71,7 +73,7 @@ def watching(config: WatchConfig) -> Iterator[tuple[str, list[Outcome]]]:
 def contents(configs: Sequence[WatchConfig]) -> list[str]:
     history = History.open(configs[0].history_url, configs[0].folder)
     try:
-        return [item.content for item in history.reader.recordings(limit=10_000)]
+        return [row.content for row in history.reader.recordings(limit=10_000)]
     finally:
         history.close()
 
@@ -133,4 +135,4 @@ def test_the_command_ends_well_when_the_system_asks_for_it(tmp_path: Path) -> No
         process.kill()
     assert process.returncode == 0, error
     assert "1 judged, 0 rejected, 0 waiting." in out
-    assert "the page is at http://127.0.0.1:" in error
+    assert "page at http://127.0.0.1:" in error

@@ -54,11 +54,17 @@ def judge(
     """An alarm whose only evidence is the first sample: large or not."""
     condition = state.pump if state is not None else AlarmState()
     is_large = bool(recording.signal[0, 0] > 0)
-    after, change = condition.update(is_large)
+    next_state, change = condition.update(is_large)
     baseline = OperatingPointBaseline.empty(BandPowerLayout(1.0, ("x",), "", 2, 0))
-    state = OperatingPointState(baseline, ConformalTest({}), after, AlarmState())
+    state = OperatingPointState(baseline, ConformalTest({}), next_state, AlarmState())
     return OperatingPointJudgment(
-        "watching", 1, state, is_large=is_large, is_alarm=after.is_active, pump=change, capital=1.0
+        "watching",
+        1,
+        state,
+        is_large=is_large,
+        is_alarm=next_state.is_active,
+        pump=change,
+        capital=1.0,
     )
 
 
@@ -73,12 +79,12 @@ class WatchModel(RuleBasedStateMachine):
             patch.object(OperatingPointMonitor, "judge", judge),
             patch.object(judging, "read_contents", self._read),
         ]
-        for item in self.patches:
-            item.start()
+        for active_patch in self.patches:
+            active_patch.start()
         self.count = 0
         self.filed: list[str] = []
         self.rejected: set[str] = set()
-        self.condition = AlarmState()
+        self.alarm_state = AlarmState()
         self.alarm: str | None = None  # open, acknowledged, or None
         self.is_cleared = False
         self.opened = 0
@@ -107,10 +113,11 @@ class WatchModel(RuleBasedStateMachine):
         file = self.spool.next(0)
         self.pipeline.judge(file)
         self.filed.append(str(self.count))
-        self.condition, change = self.condition.update(is_large)
+        self.alarm_state, change = self.alarm_state.update(is_large)
         if change == "raised":
             self.opened += self.alarm is None
-            self.alarm, self.is_cleared = self.alarm or "open", False
+            self.alarm = self.alarm or "open"
+            self.is_cleared = False
         elif change == "cleared":
             self.is_cleared = self.alarm == "open"
             self.alarm = "open" if self.is_cleared else None
@@ -167,28 +174,35 @@ class WatchModel(RuleBasedStateMachine):
     def maintain(self) -> None:
         """After maintenance everything begins anew."""
         record_event(self.config, self.history, "pump-1", who="Ada", note="", maintenance=True)
-        self.condition, self.alarm, self.is_cleared = AlarmState(), None, False
+        self.alarm_state = AlarmState()
+        self.alarm = None
+        self.is_cleared = False
 
     @invariant()
     def holds(self) -> None:
         """Nothing is lost or there twice, and alarms and messages are those of the model."""
         if not hasattr(self, "history"):
             return
-        read = self.history.reader
-        assert sorted(item.content for item in read.recordings(limit=1000)) == sorted(self.filed)
-        assert {item.reason for item in read.rejections()} == self.rejected
-        alarms = read.alarms(limit=1000)
+        reader = self.history.reader
+        assert sorted(row.content for row in reader.recordings(limit=1000)) == sorted(self.filed)
+        assert {row.reason for row in reader.rejections()} == self.rejected
+        alarms = reader.alarms(limit=1000)
         assert len(alarms) == self.opened
-        assert [item.state for item in alarms if item.state != "closed"] == (
+        assert [row.state for row in alarms if row.state != "closed"] == (
             [self.alarm] if self.alarm else []
         )
-        assert all(item.who == "Ada" for item in alarms if item.state != "open")
+        assert all(row.who == "Ada" for row in alarms if row.state != "open")
         with self.history.machine("pump-1") as machine:
-            untold = [item for item in machine.unreported_alarms() if item.cleared is None]
-        assert not untold or self.is_silenced or self.count == 0 or not self.told_since_silence()
+            unreported = [row for row in machine.unreported_alarms() if row.cleared is None]
+        assert (
+            not unreported
+            or self.is_silenced
+            or self.count == 0
+            or not self.was_reported_since_silence()
+        )
         assert len(self.spool) == 0
 
-    def told_since_silence(self) -> bool:
+    def was_reported_since_silence(self) -> bool:
         """Whether a recording was judged after the last silence, which posts what was raised in
         it.
         """
@@ -198,8 +212,8 @@ class WatchModel(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         """Remove the folder."""
-        for item in self.patches:
-            item.stop()
+        for active_patch in self.patches:
+            active_patch.stop()
         if hasattr(self, "history"):
             self.history.close()
         shutil.rmtree(self.folder, ignore_errors=True)

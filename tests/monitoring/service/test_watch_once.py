@@ -92,7 +92,8 @@ def test_what_comes_late_is_filed_as_late_and_a_clock_that_was_set_back_makes_no
     write_hum(tmp_path / "late" / "incoming" / "c.h5", 3, 90)
     assert [outcome.state for outcome in judge(config)] == ["rejected", "learning"]
     assert reasons(config) == {"c.h5": "late"}
-    config, ahead = watch_config(tmp_path / "back"), datetime.now(UTC) + timedelta(days=400)
+    config = watch_config(tmp_path / "back")
+    ahead = datetime.now(UTC) + timedelta(days=400)
     content = write_recording(hum(1), tmp_path / "a.h5").read_bytes()
     Spool(config.folder / "spool").add(Delivery("inbox", "a.h5", ahead, "pump-1"), content)
     judge(config)
@@ -105,10 +106,8 @@ def test_a_history_that_is_away_for_a_while_loses_nothing(
 ) -> None:
     config = watch_config(tmp_path)
     monkeypatch.setattr(running, "FIRST_PAUSE_S", 0.01)
-    machine, failures = (
-        History.machine,
-        [HistoryError("away"), OSError(28, "No space left on device")],
-    )
+    machine = History.machine
+    failures = [HistoryError("away"), OSError(28, "No space left on device")]
 
     def unsteady(history: History, name: str):
         if failures:
@@ -127,7 +126,8 @@ def test_an_error_of_ours_is_filed_and_the_next_recording_is_judged(
     from swashtwin.monitoring.alarms.monitor import OperatingPointMonitor
 
     config = watch_config(tmp_path)
-    original, failures = OperatingPointMonitor.judge, [ZeroDivisionError("division by zero")]
+    original = OperatingPointMonitor.judge
+    failures = [ZeroDivisionError("division by zero")]
 
     def unsteady(*arguments: object, **options: object):
         if failures:
@@ -149,8 +149,8 @@ def test_an_alarm_that_was_raised_in_a_silence_is_told_when_the_silence_is_over(
     history = opened(config)
     with history.machine("pump-1") as transaction:
         transaction.silence(datetime.now(UTC) + timedelta(hours=1), "Kim")
-    for first, last in ((0, LEARNING + 10), (LEARNING + 10, LEARNING + 11)):
-        for number in range(first, last):
+    for first, end in ((0, LEARNING + 10), (LEARNING + 10, LEARNING + 11)):
+        for number in range(first, end):
             write_hum(
                 tmp_path / "incoming" / f"{number:03}.h5",
                 number,

@@ -70,7 +70,7 @@ def test_recordings_without_a_signal_differ_by_their_time(deliver: Deliver) -> N
 
 
 @pytest.mark.parametrize(
-    ("content", "file", "settings", "words"),
+    ("content", "file", "settings", "message"),
     [
         (b"no HDF5 file", "a.h5", {}, "a.h5"),
         (b"", "a.wav", {}, "empty"),
@@ -81,13 +81,17 @@ def test_recordings_without_a_signal_differ_by_their_time(deliver: Deliver) -> N
     ],
 )
 def test_what_cannot_be_read_as_configured_has_a_reason_that_names_the_file(
-    deliver: Deliver, content: Recording | bytes, file: str, settings: dict[str, object], words: str
+    deliver: Deliver,
+    content: Recording | bytes,
+    file: str,
+    settings: dict[str, object],
+    message: str,
 ) -> None:
     spooled = deliver(content, file)
     with pytest.raises(RejectionError) as caught:
         read_contents(spooled, Machine(name="pump-1", **settings), None)
     assert caught.value.reason == "broken"
-    assert words in str(caught.value)
+    assert message in str(caught.value)
     assert str(spooled.path.parent) not in str(caught.value)
 
 

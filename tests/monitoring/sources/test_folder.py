@@ -159,7 +159,8 @@ def test_a_file_that_is_too_large_is_not_read_and_stays(
 
 
 def test_nothing_is_forgotten_while_a_share_is_away(tmp_path: Path) -> None:
-    files, stamp = folder.TakenFiles(tmp_path / "taken.txt"), folder.Stamp(1, 2, 3)
+    files = folder.TakenFiles(tmp_path / "taken.txt")
+    stamp = folder.Stamp(1, 2, 3)
     for number in range(1100):
         files.add(f"{number}.wav", stamp, b"1")
     files.forget_missing(set())
@@ -213,10 +214,11 @@ def grow(path: Path) -> None:
 
 
 def replace_at_equal_size_and_date(path: Path) -> None:
-    other, stat = path.with_name(".other"), path.stat()
-    other.write_bytes(b"other")
-    os.utime(other, ns=(stat.st_atime_ns, stat.st_mtime_ns))
-    other.rename(path)
+    replacement = path.with_name(".other")
+    stat = path.stat()
+    replacement.write_bytes(b"other")
+    os.utime(replacement, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    replacement.rename(path)
 
 
 def rewrite_at_equal_size_and_date(path: Path) -> None:
@@ -248,7 +250,8 @@ def test_whatever_happens_to_a_file_each_content_that_stays_is_taken(
     moment: str,
     change: str,
 ) -> None:
-    path, has_changed = tmp_path / "inbox" / "a.wav", []
+    path = tmp_path / "inbox" / "a.wav"
+    has_changed = []
     stat = Path.stat
 
     def change_once() -> None:
@@ -278,7 +281,7 @@ def test_whatever_happens_to_a_file_each_content_that_stays_is_taken(
         watch.poll()
     assert has_changed
     contents = [content for _, content in deliveries.items]
-    left = [item.read_bytes() for item in (tmp_path / "inbox").iterdir()]
+    left = [row.read_bytes() for row in (tmp_path / "inbox").iterdir()]
     stays = {"grows": b"first and more", "is replaced": b"another", "is removed": None}.get(
         change, b"first"
     )

@@ -114,7 +114,8 @@ def watching(broker, deliveries, **settings) -> Iterator[MqttWatch]:
         port=broker.port,
         **{"topic": "plant/+/vibration", **settings},
     )
-    watch, stop = MqttWatch(source, deliveries.accept, "test-watch"), threading.Event()
+    watch = MqttWatch(source, deliveries.accept, "test-watch")
+    stop = threading.Event()
     watch.status.fail("not connected yet")
     thread = threading.Thread(target=watch.run, args=(stop,))
     thread.start()

@@ -22,11 +22,12 @@ def test_recordings_wait_in_the_order_of_their_arrival_also_after_a_restart(tmp_
     first = Spool(tmp_path)
     for name in ("a.wav", "b.csv", "c.json"):
         assert first.add(delivery(name), name.encode()) == hashlib.sha256(name.encode()).hexdigest()
-    again, found = Spool(tmp_path), []
-    while (file := again.next(0.0)) is not None:
-        found.append((file.delivery, file.path.read_bytes().decode()))
-        again.remove(file)
-    assert found == [(delivery(name), name) for name in ("a.wav", "b.csv", "c.json")]
+    restarted = Spool(tmp_path)
+    waiting = []
+    while (file := restarted.next(0.0)) is not None:
+        waiting.append((file.delivery, file.path.read_bytes().decode()))
+        restarted.remove(file)
+    assert waiting == [(delivery(name), name) for name in ("a.wav", "b.csv", "c.json")]
     assert list(tmp_path.iterdir()) == []
 
 

@@ -87,6 +87,7 @@ class Guard:
         if scope["type"] != "http":
             return
 
+        # Web sockets are neither http nor lifespan; nothing here uses them.
         path: str = scope["path"]
         has_started = False
 
@@ -111,6 +112,7 @@ class Guard:
 
     def _refusal(self, scope: Scope, max_bytes: int) -> Response | None:
         """Return the answer to a request that is refused; `None` if it may pass."""
+        # From cheap to expensive: only the last check reads the file of users.
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         if not self._is_allowed_host(host):
@@ -141,6 +143,7 @@ class Guard:
         except (SwashTwinError, OSError):
             return _refuse(503, "The file of users cannot be read.")
 
+        # Public pages need to know the visitor, too: the login page shows who is logged in.
         scope.setdefault("state", {})["visitor"] = visitor
         path: str = scope["path"]
         if visitor is not None or path in _PUBLIC_PATHS or path.startswith("/static/"):
@@ -169,6 +172,7 @@ def _add_headers(message: Message, path: str) -> None:
 
 
 def _is_from_another_site(headers: Headers, host: str) -> bool:
+    # Old browsers send only Origin, new ones also Sec-Fetch-Site; programs send neither.
     origin = headers.get("origin")
     if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
         return True

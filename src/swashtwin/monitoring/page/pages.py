@@ -75,6 +75,7 @@ class Pages:
             if state in ("", state_of(machine).code) and text.casefold() in machine.name.casefold()
         ]
         page_count = max(1, math.ceil(len(matching_machines) / CARDS_PER_PAGE))
+        # Machines may have become fewer since the link was made.
         page = min(page, page_count)
         start = (page - 1) * CARDS_PER_PAGE
 
@@ -144,6 +145,7 @@ class Pages:
         names_by_channel: dict[str, list[str]] = {}
         for stored_channel, name in self._reader.indicator_names(machine.name):
             names_by_channel.setdefault(stored_channel, []).append(name)
+        # Values of the verdict have no channel; every machine has them.
         names_by_channel[""] = list(VERDICT_NAMES)
 
         if channel is None:

@@ -30,6 +30,7 @@ class WatchCollector(Collector):
         """Return all metrics; those of the history are absent while it cannot be reached."""
         yield _gauge("build_info", "Version of swashtwin.", ("version",), [((VERSION,), 1)])
 
+        # A failing history must not hide the metrics that report it.
         is_reachable = True
         try:
             yield from self._history_metrics()

@@ -84,6 +84,7 @@ class Access:
         if self.users is None:
             return Visitor("", "local")
 
+        # A token comes first: a program that sends one is not the person whose cookie it may hold.
         scheme, _, token = request.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
             program = self.users.program(token.strip())
@@ -106,6 +107,7 @@ class Access:
         if (address, person) not in self._familiar:
             keys.append(f"name {person}")
 
+        # The attempt is counted before the slow check, so that parallel guesses are counted too.
         wait = self._throttle.attempt(*keys)
         if wait:
             return wait
@@ -156,6 +158,7 @@ class Access:
         now = time.monotonic()
         session = _Session(name, mark, now + MAX_SESSION_SECONDS, now + SESSION_SECONDS)
 
+        # Only digests are kept: a copy of the memory gives nobody a session.
         with self._lock:
             self._familiar[origin] = None
             drop_oldest(self._familiar, _MAX_SESSIONS)

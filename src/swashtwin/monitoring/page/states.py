@@ -89,6 +89,7 @@ def state_of(machine: MachineOverview) -> MachineState:
 
 
 def _state_code(machine: MachineOverview) -> str:
+    # An alarm that nobody has acknowledged comes before everything else.
     open_kinds = {alarm.kind for alarm in machine.alarms if alarm.state == "open"}
     if "pump" in open_kinds:
         return "alarm"

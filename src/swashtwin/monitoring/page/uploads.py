@@ -80,6 +80,7 @@ async def _accept(site: Site, request: Request) -> str:
         await asyncio.to_thread(path.parent.mkdir, parents=True, exist_ok=True)
         file_name, form_facts = await _write_form(request, path)
 
+        # Facts may stand in the address too, for senders that can add a file but no fields.
         specified_facts = [*request.query_params.multi_items(), *form_facts]
         facts = dict(specified_facts)
         if len(facts) < len(specified_facts):

@@ -171,6 +171,7 @@ class UserFile:
                 f"{self.path}: no such file of users; create it with swashtwin watch user."
             ) from None
 
+        # The inode changes with every write, since the file is replaced; the time alone may not.
         stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
         if stamp != self._stamp:
             self._entries = _read_entries(self.path)
@@ -238,6 +239,7 @@ def _write_entries(path: Path, entries: list[Entry]) -> None:
         # The mode is set when the file is created, so nobody else can read it at any time.
         descriptor = os.open(temporary_path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with open(descriptor, "w", encoding="utf-8", newline="\n") as file:
+            # On the disk before it replaces the file: after a power failure there is one of both.
             json.dump(to_table(entries), file, indent=1)
             file.flush()
             os.fsync(file.fileno())

@@ -332,7 +332,7 @@ def test_a_users_own_figure_settings_neither_leak_in_nor_out(diagnosis, tmp_path
 def test_what_cannot_be_reported_is_refused_in_one_line(diagnosis, tmp_path):
     with pytest.raises(InputError, match=r"No report can be made of a str: give"):
         build_part("report", key="report")
-    with pytest.raises(InputError, match=r"no report can be made of a FaultLaw; give"):
+    with pytest.raises(InputError, match=r"No report can be made of a FaultLaw: give"):
         build_part(FaultLaw(SwashPlateDefect(depth=1e-4), (), {}, 1.0, ()), key="law")
     with pytest.raises(InputError, match="at least one"):
         write_report(folder=tmp_path)

@@ -169,6 +169,7 @@ def _most_probable_shares(
     shares: np.ndarray = np.exp(result.x)
     if residual @ residual - result.fun < MIN_LIKELIHOOD_GAIN:
         return np.zeros_like(shares)
+    # a share at its lower limit is zero: the logarithm that was searched cannot reach it
     return np.where(shares > 2 * SHARE_LIMITS[0], shares, 0.0)
 
 
@@ -200,6 +201,7 @@ def _repeated_errors(linearization: Linearization) -> np.ndarray:
     sigma = linearization.sigma
     noise = np.zeros((len(sigma), len(sigma)))
     conditions = [comparison.twin.condition for comparison in comparisons]
+    # errors at different operating points count as independent
     if len(set(conditions)) == len(conditions):
         return noise
 
@@ -241,6 +243,7 @@ def _cause_covariances(linearization: Linearization, names: list[str]) -> list[n
     """
     objective = linearization.objective
     comparisons = objective.comparisons
+    # a constant changes all lines together, so its covariance has rank one
     constants = [
         np.outer(slope, slope) for slope in _constant_slopes(objective, linearization.point, names)
     ]

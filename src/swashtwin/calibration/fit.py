@@ -257,6 +257,7 @@ def _align_windows(
     for turn_index in selected_turns:
         start = turn_index * turn
         window = measured[:, start : start + turn]
+        # the shaft angle at the start of a recording is unknown, so every shift is tried
         candidates = [aligned(window, simulated) for simulated in simulations]
         errors = [waveform_rmse(window, candidate) for candidate in candidates]
         windows.append((window, candidates[int(np.argmin(errors))]))
@@ -287,5 +288,6 @@ def _simulate_waveform(
     angle = recording.condition.speed * samples / rate
     signal = synchronous_signal(lines[:, is_resolved], orders[is_resolved], angle)
 
+    # the filter has settled after the margin
     margin = MARGIN_REVOLUTIONS * turn
     return band_limited(signal, rate, *band)[:, margin : margin + 2 * turn]

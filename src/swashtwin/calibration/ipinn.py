@@ -202,6 +202,7 @@ class ParameterNetwork(nn.Module):
         """Return interface values, and the constants within four deviations of their priors'
         means; float64.
         """
+        # the network computes in float32, the equations of motion in float64
         output = self.dense(self.features(window)).double()
         reach = CONSTANT_BOUND_STDS
         offset = reach * torch.tanh(output[CONSTANT_SLICE] / reach)

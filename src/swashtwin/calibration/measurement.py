@@ -143,6 +143,7 @@ def measure(
 
     amplitudes = np.stack([spectrum.amplitude for spectrum in spectra])
     within = np.sqrt(np.sum([spectrum.deviation**2 for spectrum in spectra], axis=0)) / len(used)
+    # a single recording shows no scatter between recordings
     if len(used) > 1:
         between = amplitudes.std(axis=0, ddof=1) / math.sqrt(len(used))
     else:

@@ -250,6 +250,7 @@ def compute_interval(
     def surplus(half_width: float) -> float:
         return float(ndtr(min(above, half_width)) - ndtr(max(below, -half_width)) - required)
 
+    # in standard deviations a normal density is symmetric, so one half width is searched
     half_width = log_std * scipy.optimize.brentq(surplus, 0.0, max(above, -below))
     return math.exp(max(low, center - half_width)), math.exp(min(high, center + half_width))
 
@@ -332,6 +333,7 @@ class Posterior:
         upper = self.unknowns.upper
         points = []
         for index in range(count):
+            # a stream per draw, so that the first draws do not depend on the count
             rng = random_stream(seed, "posterior", index)
             for _ in range(_MAX_DRAW_ATTEMPTS):
                 point = self.point + root @ rng.standard_normal(len(self.point))

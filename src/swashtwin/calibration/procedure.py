@@ -314,7 +314,9 @@ def _search(
     if not (starts and isinstance(method, GaussNewton)):
         return first_objective, first, hypotheses
 
-    best_objective, best = first_objective, first
+    best_objective = first_objective
+    best = first
+    # the hypotheses are the further starts
     single_start = replace(method, starts=1)
     for start in starts:
         clipped = np.clip(start, objective.unknowns.lower, objective.unknowns.upper)

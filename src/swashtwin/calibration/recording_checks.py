@@ -89,6 +89,7 @@ def measure_lines(
             "exclude it."
         ) from cause
 
+    # lines of a noiseless simulation have no deviation
     ratio = spectrum.amplitude / np.maximum(spectrum.deviation, 1e-300)
     if float(np.mean(ratio**2)) < MIN_CLEARNESS:
         raise DataError(

@@ -124,6 +124,7 @@ class Calibration:
     def to_dict(self) -> dict[str, Any]:
         """Return the calibration as JSON values; `load_calibration` reads them back."""
         table: dict[str, Any] = {"format": FORMAT, **to_table(self)}
+        # the kind of a fault is not among its fields
         table["twin"] = twin_to_dict(self.twin)
         table["nominal"] = twin_to_dict(self.nominal)
         table["nominal_agreement"] = asdict(self.nominal_agreement)

@@ -174,7 +174,7 @@ class LeastSquares:
         self.solver = solver
         self._points: list[np.ndarray] = []
         self._losses: list[tuple[float, float, float]] = []
-        # the last point that was simulated, its residuals and their derivatives
+        # scipy asks for residuals and derivatives of a point separately; they are simulated once
         self._cached_point = b""
         self._cached_residuals = np.empty(0)
         self._cached_jacobian = np.empty((0, 0))
@@ -274,6 +274,7 @@ def widening_search(
                 for symbol in PARAMETER_SYMBOLS.values()
             ]
         )
+        # the priors widen with the bounds, but the search goes on from the optimum
         wider = SearchSpace(space.nominal, space.lower / factor, space.upper * factor)
         unknowns = replace(objective.unknowns, space=wider, initial_point=None)
         objective = replace(objective, unknowns=unknowns)

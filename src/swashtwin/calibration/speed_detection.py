@@ -145,6 +145,7 @@ def _compute_levels(
     middles = [block.mean() for block in blocks]
     medians = np.stack([np.median(power[:, block], axis=1) for block in blocks], axis=1)
     base = np.stack([np.interp(indices, middles, row) for row in medians])
+    # a silent or noiseless stretch has no median to divide by
     base = np.maximum(base, 1e-12 * power.max(axis=1, keepdims=True) + 1e-300)
 
     return step, np.log(np.maximum(power / base, 1.0)).mean(axis=0)
@@ -171,5 +172,6 @@ def _compute_contrast(
         total: np.ndarray = rise[:, teeth].sum(axis=1)
         return total / np.maximum(is_within[:, teeth].sum(axis=1), 1)
 
+    # every other tooth of the combs of half and of three halves of the speed meets a line
     contrast = np.minimum(mean_rise(slice(0, None, 2)), mean_rise(slice(1, None, 2)))
     return np.where(is_within[:, 1], contrast, 0.0)

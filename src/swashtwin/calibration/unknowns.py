@@ -373,6 +373,7 @@ class Unknowns:
         ends = np.cumsum([self.modes_start, n_modes, n_modes])
         frequency, damping = (point[..., start:end].exp() for start, end in pairwise(ends.tolist()))
 
+        # without searched gains every channel reads as it should
         if self.nuisances.gains:
             gain = point[..., self.path_start : self.path_start + n_channels].exp()
         else:

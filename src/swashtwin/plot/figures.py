@@ -22,7 +22,7 @@ from swashtwin.plot.style import (
     spread_labels,
 )
 from swashtwin.recordings import Recording
-from swashtwin.signals import LineSpectrum, LineSpectrumKind, spectrum_of
+from swashtwin.signals import LineSpectrum, LineSpectrumKind, Mark, spectrum_of
 
 
 @figure_style()
@@ -171,9 +171,16 @@ def spectrum(
                 mark.position, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0
             )
 
-    top = axes[0, 0]
-    top.set_xlim(0, end)
-    positions = spread_labels([mark.position for mark in marks], gap=0.035 * end)
+    axes[0, 0].set_xlim(0, end)
+    axes[-1, 0].set_xlabel(f"{lines.axis} [{lines.axis_unit or '1'}]")
+    if marks:
+        _name_marks(figure, axes[0, 0], marks, gap=0.035 * end)
+    return figure
+
+
+def _name_marks(figure: Figure, top: Axes, marks: Sequence[Mark], gap: float) -> None:
+    """Write the names of the marks above the top panel, at least `gap` apart, and their legend."""
+    positions = spread_labels([mark.position for mark in marks], gap)
     for mark, position in zip(marks, positions, strict=True):
         color, _ = _MARK_STYLES[mark.of_pistons]
         top.annotate(
@@ -188,17 +195,11 @@ def spectrum(
             color=color,
             annotation_clip=False,
         )
-    axes[-1, 0].set_xlabel(f"{lines.axis} [{lines.axis_unit or '1'}]")
-
-    if marks:
-        # room for the names of the marks
-        top.set_title(top.get_title(loc="left"), loc="left", pad=16)
-        styles = [_MARK_STYLES[kind] for kind in sorted({mark.of_pistons for mark in marks})]
-        handles = [
-            Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in styles
-        ]
-        figure.legend(handles, [name for _, name in styles], loc="outside upper right", ncols=2)
-    return figure
+    # the title needs room above it for the names
+    top.set_title(top.get_title(loc="left"), loc="left", pad=16)
+    styles = [_MARK_STYLES[kind] for kind in sorted({mark.of_pistons for mark in marks})]
+    handles = [Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in styles]
+    figure.legend(handles, [name for _, name in styles], loc="outside upper right", ncols=2)
 
 
 def _axis_end(lines: LineSpectrum) -> float:

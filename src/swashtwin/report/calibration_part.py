@@ -255,6 +255,7 @@ def estimates_table(calibration: Calibration) -> Table:
                 _describe_verdict(estimate),
             )
         )
+
     return Table(
         "The six values. Identified: 90 % within a factor of 1.5. Weak: less certain. Not "
         "identified: the measurement adds little to the bounds. At bound: a bound stopped the "

@@ -149,6 +149,7 @@ def _trend_rows(trend: Trend) -> list[dict[str, Any]]:
                 "status": point.status,
             }
         )
+
     return rows
 
 

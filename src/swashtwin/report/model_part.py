@@ -91,10 +91,12 @@ def build_detector_part(detector: AnomalyDetector) -> Part:
         ("channels", list(detector.layout.channels)),
         ("sample rate", f"{detector.layout.sample_rate:g} Hz"),
     ]
+
     blocks = (
         Bullets("Notes", detector.notes_),
         build_facts_table("Training data and settings of the detector.", entries),
     )
+
     results = {"error_rate": detector.error_rate_, "recordings": sorted(detector.manifest)}
     return Part(
         title="Training of a detector of deviations",
@@ -216,10 +218,13 @@ def _score_blocks(scores: Scores, key: str) -> tuple[Any, ...]:
         )
         for name, label in _METRIC_LABELS.items()
     )
+
+    # the same reasons as the tooltips, which a printed page does not show
     reasons = tuple(
         f"{_METRIC_LABELS.get(name, format_label(name))}: {format_label(reason)}"
         for name, reason in scores.reasons.items()
     )
+
     return (
         Table(
             "Scores over the test windows.", ("", scores.split or "split not specified"), metrics
@@ -317,6 +322,7 @@ def _class_table(scores: Scores) -> Table:
         recall_cell = format_number_cell(cell.recall)
         rows.append((format_label(cell.label), pressure, cell.n_windows, recall_cell))
 
+    # a class with one cell needs no row for all of its pressures
     cell_counts = Counter(cell.label for cell in scores.cells)
     for index, label in enumerate(scores.classes):
         if cell_counts[label] != 1:

@@ -170,6 +170,8 @@ def _merge_parts(group: Sequence[Part], title: str) -> Part:
         actions += part.actions
         glance += part.glance
         sections += part.sections
+
+    # several parts of one subject may recommend the same action
     return replace(
         group[0],
         title=title,

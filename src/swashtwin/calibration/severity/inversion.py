@@ -239,6 +239,7 @@ class Inversion(ProfileProblem):
         for start in self._grid_starts() if starts is None else starts:
             self.update_weights(start)
             point, height = self.descend(start, fixed=None)
+            # each descent has its own weights, so heights alone do not compare
             loss = height + 2 * np.log(np.diag(self.root)).sum()
             descents.append((loss, point))
         points = [point for _, point in sorted(descents, key=lambda descent: descent[0])]
@@ -247,6 +248,7 @@ class Inversion(ProfileProblem):
             self.update_weights(points[0])
             points[0], height = self.descend(points[0], fixed=None)
         misfit = math.sqrt(height / len(self.root))
+        # a twin that misses more than expected makes every line less certain
         self.root = self.root * max(misfit, 1.0)
 
         minima = [Minimum(*self.descend(point, fixed=None)) for point in points]
@@ -258,6 +260,7 @@ class Inversion(ProfileProblem):
         likely = [deepest]
         for minimum in others:
             dimensions = minimum.point[self.severity :]
+            # several descents may end in one minimum
             is_repeated = any(
                 np.allclose(dimensions, previous.point[self.severity :], rtol=0.02, atol=0.02)
                 for previous in likely

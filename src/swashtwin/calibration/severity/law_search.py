@@ -108,7 +108,7 @@ def identify_law(
     corner = fault.corner or typical_corner(calibration.nominal.pump)
     fault = replace(fault, corner=corner)
 
-    conditions = [item.condition for item in used if item.condition is not None]
+    conditions = [recording.condition for recording in used if recording.condition is not None]
     groups = [[used[index] for index in group] for group in group_by_condition(conditions)]
     with one_thread():
         fits, comparisons = _fit_laws(calibration, groups, fault, healthy)
@@ -218,6 +218,7 @@ def _evaluate_law(inversion: Inversion, minimum: Minimum, misfit: float) -> _Law
     fault = space.fault_at(coordinates)
     assert isinstance(fault, SwashPlateDefect)
 
+    # the depth is a factor, the other coordinates are logarithms: now all are logarithms
     std = np.sqrt(np.diag(covariance))[severity:]
     std[0] /= coordinates[0]
     estimates = [

@@ -204,6 +204,7 @@ def _estimate_recording(
     ):
         return severity
 
+    # the estimated depth may exceed what films reach even if the specified one does not
     deepest = replace(fault, depth=max(fault.depth, severity.severity.value))
     if deepest.with_fitting_contact() == deepest:
         return severity
@@ -239,6 +240,7 @@ def _estimate_under_law(
     evidence = max(0.0, height_without - minima[0].height)
     is_detected = evidence > inversion.threshold
 
+    # before the weights change: the estimates belong to the fit with the fault
     covariance, deviation = inversion.covariance_at(point)
     further = _estimate_further_dimensions(inversion, minima, is_detected=is_detected)
 

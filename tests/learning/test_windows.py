@@ -99,9 +99,9 @@ def test_a_recording_too_short_for_one_window_is_named():
 
 
 def test_a_window_shorter_than_one_revolution_needs_permission_and_the_least_length_is_told():
-    with pytest.raises(InputError, match="take a window of 70 or more"):
+    with pytest.raises(InputError, match="use a window of 70 or more"):
         cut_windows([recording("a")], length=69)
-    with pytest.raises(InputError, match="it has 60 samples only: record longer"):
+    with pytest.raises(InputError, match="it has only 60 samples: record longer"):
         cut_windows([recording("a", samples=60)], length=50)
     assert cut_windows([recording("a")], length=70).length == 70
     assert cut_windows([recording("a")], length=69, allow_partial_revolution=True).length == 69
@@ -194,7 +194,7 @@ def test_a_split_refuses_synthetic_and_unlabeled_windows_and_unknown_groups():
         split_by_recording(cut_windows([*rig(), recording("made", synthetic=True)], length=100))
     with pytest.raises(DataError, match="mute has no label"):
         split_by_recording(cut_windows([*rig(), recording("mute", None)], length=100))
-    with pytest.raises(DataError, match="nowhere has no specimen"):
+    with pytest.raises(DataError, match="nowhere specifies no specimen"):
         split_by_recording(
             cut_windows([*rig(), recording("nowhere")], length=100), group="specimen"
         )

@@ -358,7 +358,7 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     (diagnosis,) = run_json("diagnose", answer["model"], files[0], "--error-rate", 0.2)["diagnoses"]
     assert diagnosis["error_rate"] == 0.2
     shown = run("diagnose", answer["model"], *files[:2], "--report", tmp_path / "page").stdout
-    assert "could be" in shown
+    assert "prediction set" in shown
     assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
     fewer = (
         "--validation-fraction",

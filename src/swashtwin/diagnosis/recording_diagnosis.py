@@ -121,6 +121,21 @@ def diagnose(
         reason = _describe_missing_verdict(classifier, recording, has_verdict)
         return replace(diagnosis, no_verdict=reason)
 
+    diagnosis = replace(diagnosis, notes=tuple(notes), reasons=reasons)
+    return _judge_answers(classifier, diagnosis, answers, error_rate)
+
+
+def _judge_answers(
+    classifier: FittedClassifier,
+    diagnosis: Diagnosis,
+    answers: _WindowAnswers,
+    error_rate: float | None,
+) -> Diagnosis:
+    """Return the diagnosis with class, confidence, reasons and spectrum.
+
+    `diagnosis` holds the reasons of the recording, and its notes without the reasons.
+    """
+    confidence = classifier.confidence_of(answers.specimen)
     reference = classifier.training_reference
     mean_features = answers.features.mean(axis=0)
     pooled = pooled_probabilities(answers.probability, confidence)
@@ -131,7 +146,8 @@ def diagnose(
         )
     if not (np.isfinite(pooled).all() and math.isfinite(ood_score)):
         reason = "the numbers behind the model's confidence are not finite; train it again."
-        return replace(diagnosis, no_verdict=reason)
+        notes = (*diagnosis.notes, *diagnosis.reasons)
+        return replace(diagnosis, no_verdict=reason, notes=notes, reasons=())
 
     if confidence is not None and reference is not None:
         diagnosis = _add_confidence(
@@ -143,9 +159,9 @@ def diagnose(
     )
     healthy_reason = describe_healthy_gain(classifier, answers.specimen)
     if answers.specimen:
-        reasons = (machine_reason, *reasons, healthy_reason)
+        reasons = (machine_reason, *diagnosis.reasons, healthy_reason)
     else:
-        reasons = (*reasons, machine_reason, healthy_reason)
+        reasons = (*diagnosis.reasons, machine_reason, healthy_reason)
     reasons = tuple(reason for reason in reasons if reason)
 
     return replace(
@@ -153,7 +169,7 @@ def diagnose(
         label=classifier.classes[int(pooled.argmax())],
         probabilities=dict(zip(classifier.classes, pooled.tolist(), strict=True)),
         reasons=reasons,
-        notes=(*notes, *reasons),
+        notes=(*diagnosis.notes, *reasons),
         choice=classifier.choice,
         spectrum=classifier_spectrum(
             reference, classifier.layout, mean_features, answers.specimen, answers.condition

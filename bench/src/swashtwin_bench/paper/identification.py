@@ -49,13 +49,13 @@ _PRINTED = {
     "slipper_swash.damping": "1.86·10⁶ to 0.778·10⁶ N·s/m",
     "piston_bore.damping": "3.40·10⁴ to 15.3·10⁴ N·s/m",
 }
-_LETTERS = dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_hz", "K_hz"), strict=True))
-"""Letter of each value in the paper."""
 
+# Letter of each value in the paper.
+_LETTERS = dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_hz", "K_hz"), strict=True))
+
+# The figure ends at so many times the median loss of epoch 1: single epochs of a high rate are far
+# above.
 _CUT = 2
-"""The figure ends at so many times the median loss of epoch 1: single epochs of a high rate are far
-above.
-"""
 
 
 @dataclass(frozen=True, eq=False)

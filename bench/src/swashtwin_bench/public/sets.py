@@ -66,15 +66,16 @@ def read_public_set(name: str, folder: Path | str) -> list[Recording]:
     return PUBLIC_SETS[name](Path(folder))
 
 
+# Diameters of the faults [mil] that every label of the set has.
 _CWRU_SIZES = ("7", "14", "21")
-"""Diameters of the faults [mil] that every label of the set has."""
+
+# Training blocks and test blocks, one of each class on either side.
 _MOTOR_BLOCKS = (
     (("hA", "fA"), ("hB", "fB")),
     (("hB", "fB"), ("hA", "fA")),
     (("hB", "fA"), ("hA", "fB")),
     (("hA", "fB"), ("hB", "fA")),
 )
-"""Training blocks and test blocks, one of each class on either side."""
 
 
 @dataclass(frozen=True)

@@ -99,12 +99,12 @@ def trend_recordings(
 
 PER_DAY = 3
 """Recordings in a day."""
+
+# Period [day] of the slow swing of load and temperature; its phase differs from course to course.
 _SEASON = 60.0
-"""Period [day] of the slow swing of load and temperature; its phase differs from course to
-course.
-"""
+
+# Time [day] in which the wandering of load and temperature is forgotten.
 _MEMORY = 5.0
-"""Time [day] in which the wandering of load and temperature is forgotten."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,11 @@ from swashtwin.foundation import DataError
 from swashtwin.recordings import Entry, ReadOptions, Recording, load_entry, open_raw
 from swashtwin_bench.public.readers.named_files import facts_of, files_below, table_of
 
+# Nominal speed [rpm] at each load [hp].
 _LOADS = {0: 1797, 1: 1772, 2: 1750, 3: 1730}
-"""Nominal speed [rpm] at each load [hp]."""
+
+# End, rate [kHz], label, diameter of the fault [mil], its place [o'clock], and the record at each
+# load.
 _SERIES = (
     ("DE", 12, "inner_race", 7, "", "105 106 107 108"),
     ("DE", 12, "inner_race", 14, "", "169 170 171 172"),
@@ -56,9 +59,7 @@ _SERIES = (
     ("DE", 48, "normal", 0, "", "97 98 99 100"),
     ("FE", 48, "normal", 0, "", "97 98 99 100"),
 )
-"""End, rate [kHz], label, diameter of the fault [mil], its place [o'clock], and the record at each
-load.
-"""
+
 _NUMBER = re.compile(r"(?<!\d)(\d{2,4})(?!\d)")
 _SPEED = re.compile(r"(X\d+)?RPM", re.IGNORECASE)
 

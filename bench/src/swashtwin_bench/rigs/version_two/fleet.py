@@ -192,14 +192,14 @@ source.
 """
 
 
+# Share of each mode in each sensor, fleet mean.
 _RESIDUES = random_stream(0, "housing of version 2").normal(0, 0.08, (3, len(HOUSING_MODES)))
-"""Share of each mode in each sensor, fleet mean."""
+
+# How far an impact of each source excites each mode in each sensor, fleet mean: pumps of one type
+# are built alike.
 _MODE_SHARES = random_stream(0, "places of version 2").normal(
     0, 0.6, (len(SOURCES), 3, len(HOUSING_MODES))
 )
-"""How far an impact of each source excites each mode in each sensor, fleet mean: pumps of one type
-are built alike.
-"""
 
 
 def _draw_stand(rng: np.random.Generator) -> Stand:

@@ -11,15 +11,15 @@ import pytest
 from swashtwin.foundation import InputError, MPa, rpm
 from swashtwin.pump import CLASSES, OperatingCondition, Pump
 from swashtwin_bench import rig_recordings
-from swashtwin_bench.rigs.courses import PlantCourse, plant_course, trends_of
+from swashtwin_bench.rigs.courses import PlantCourse, plant_course, typical_faults
 from swashtwin_bench.rigs.measuring import Run
 from swashtwin_bench.rigs.version_three.fleet import LABELS, PATHS, Damage, draw_specimen
-from swashtwin_bench.rigs.version_three.machine import oil_of
+from swashtwin_bench.rigs.version_three.machine import solve_oil
 from swashtwin_bench.rigs.version_three.measuring import forces_of, measure, sounds_of
 from swashtwin_bench.rigs.writing import RigSize
 
 TINY = RigSize(specimens=1, repeats=1, duration=0.5)
-TRENDS = trends_of("3")
+TRENDS = typical_faults("3")
 GOLDEN_TRUTH = "4f974122d5e36e6b71dfcb17ee00ccd0bb6145e2d56bbf53d4c3dc5133f69a44"
 GOLDEN_LEVELS = {
     "A_normal_5MPa_1": (13.83, 8.784, 12.626),
@@ -121,7 +121,7 @@ def heard(pump: Pump, fault: Damage | None) -> tuple[dict[str, np.ndarray], dict
     fault.
     """
     run, specimen = run_with(pump, fault), draw_specimen(pump, "A", 0)
-    oil, steps = oil_of(run, specimen), 2100
+    oil, steps = solve_oil(run, specimen), 2100
     angle, rate = 2 * np.pi * np.arange(9 * steps) / steps, steps * run.condition.shaft_frequency
     forces = forces_of(run, specimen, oil, angle, rate)[:, -steps:]
     sounds = sounds_of(run, specimen, oil, angle, rate, np.random.default_rng(0))

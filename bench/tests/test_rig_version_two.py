@@ -17,7 +17,7 @@ from swashtwin_bench import build_rig, rig_recordings
 from swashtwin_bench.results.runs import Work
 from swashtwin_bench.rigs.measuring import Run, bore_force
 from swashtwin_bench.rigs.version_two.fleet import SecondSpecimen, draw_fault, draw_specimen
-from swashtwin_bench.rigs.version_two.sounds import bursts, impacts_of, loudness
+from swashtwin_bench.rigs.version_two.sounds import bursts, list_impacts, loudness
 from swashtwin_bench.rigs.writing import RigSize
 from swashtwin_bench.studies.dataset import prepare
 from swashtwin_bench.studies.runner import fleets, require_rig
@@ -111,7 +111,7 @@ def test_faults_strike_and_leak_where_they_are(pump: Pump, at_15: OperatingCondi
     worn, recess = (
         replace(healthy, fault=fault) for fault in (PistonWear(um(60), 3), SwashPlateDefect(7e-5))
     )
-    assert len(impacts_of(recess, specimen)) == len(impacts_of(healthy, specimen)) + 1
+    assert len(list_impacts(recess, specimen)) == len(list_impacts(healthy, specimen)) + 1
     louder = loudness(worn, specimen) / loudness(healthy, specimen)
     assert louder.max() > 1.2
     assert louder.min() == pytest.approx(1, abs=1e-3)

@@ -17,7 +17,7 @@ from swashtwin.pump import CLASSES, load_pump
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Task, Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
-from swashtwin_bench.rigs.courses import PlantCourse, plant_course, trends_of
+from swashtwin_bench.rigs.courses import PlantCourse, plant_course, typical_faults
 from swashtwin_bench.rigs.writing import OTHER_DESIGNS, RIG_VERSION, VERSIONS
 
 HEALTHY = "healthy"
@@ -74,7 +74,7 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
     courses = [(HEALTHY, seed, pump, settings, work.out) for seed in work.seeds for pump in pumps]
     courses += [
         (kind, seed, "A", settings, work.out)
-        for kind in trends_of(settings.rig)
+        for kind in typical_faults(settings.rig)
         for seed in work.seeds
     ]
     trials = [
@@ -164,7 +164,7 @@ def _suspected(
 
 
 def _answer(study: StudyTable, settings: AlarmStudySettings) -> Iterator[str]:
-    healthy, trends = study.of(course=HEALTHY), trends_of(settings.rig)
+    healthy, trends = study.of(course=HEALTHY), typical_faults(settings.rig)
     watched = int(sum(trial.values["watched"] for trial in healthy))
     false_alarms = [int(trial.values["false_alarms"]) for trial in healthy]
     ever = sum(count > 0 for count in false_alarms)

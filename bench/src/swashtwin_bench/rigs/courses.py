@@ -27,7 +27,13 @@ from swashtwin.recordings import Recording
 from swashtwin_bench.rigs.fleet import RECESS, draw_specimen
 from swashtwin_bench.rigs.measuring import Run, measure
 from swashtwin_bench.rigs.version_three.fleet import MODES, Damage
-from swashtwin_bench.rigs.writing import RIG_VERSION, SAMPLE_RATE, VERSIONS, recording_of, run_of
+from swashtwin_bench.rigs.writing import (
+    RIG_VERSION,
+    SAMPLE_RATE,
+    VERSIONS,
+    draw_run,
+    make_recording,
+)
 
 TRENDS: Mapping[str, Fault] = MappingProxyType(
     {
@@ -41,7 +47,7 @@ TRENDS: Mapping[str, Fault] = MappingProxyType(
 """Fault of each trend, as severe as the rig's typical one (docs/bench/rig.md)."""
 
 
-def trends_of(version: str) -> Mapping[str, Fault]:
+def typical_faults(version: str) -> Mapping[str, Fault]:
     """Typical fault of each trend in a version of the rig; versions 1 and 2 have the same,
     `TRENDS`.
     """
@@ -85,7 +91,7 @@ def trend_recordings(
         ]
     runs = []
     for name, fault in named_faults:
-        run = run_of(name, pump, pressure, seed, None)
+        run = draw_run(name, pump, pressure, seed, None)
         if isinstance(fault, BoreDefect):
             fault = replace(
                 fault, half_width=deg(random_stream(seed, "trend", name).uniform(36, 44))
@@ -94,7 +100,7 @@ def trend_recordings(
     signals = measure(runs, duration, SAMPLE_RATE, [(seed, name) for name, _ in named_faults])
     for (name, fault), run, signal in zip(named_faults, runs, signals, strict=True):
         label = "normal" if fault is None else fault.label
-        yield recording_of(name, label, pressure, run, signal), run
+        yield make_recording(name, label, pressure, run, signal), run
 
 
 PER_DAY = 3
@@ -114,7 +120,7 @@ class PlantCourse:
     recordings: int = 360
     """How many."""
     kind: str | None = None
-    """Fault that grows, of `trends_of` the version, or None for a healthy course."""
+    """Fault that grows, of `typical_faults` the version, or None for a healthy course."""
     onset: int = 60
     """Recordings before the fault begins."""
     severity: float = 2.0
@@ -145,7 +151,7 @@ def plant_course(
     specimen : which pump of it, such as ``"A"``.
     batch : recordings computed together; the samples do not depend on it.
     """
-    rig, trends = VERSIONS[course.version], trends_of(course.version)
+    rig, trends = VERSIONS[course.version], typical_faults(course.version)
     pump = rig.draw_specimen(load_pump("25scy14-1b"), specimen, seed)
     severities = course.severities()
     name = f"{specimen}_{course.kind or 'normal'}_course"
@@ -161,7 +167,7 @@ def plant_course(
         signals = rig.measure(runs, course.duration, SAMPLE_RATE, [(seed, item) for item in names])
         for number, item, run, signal in zip(numbers, names, runs, signals, strict=True):
             label = "normal" if run.fault is None else run.fault.label
-            recording = recording_of(
+            recording = make_recording(
                 item,
                 label,
                 course.pressure,

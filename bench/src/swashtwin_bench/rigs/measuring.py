@@ -210,7 +210,7 @@ STEPS = (1792, 2688, 4032, 8064)
 """Steps a revolution in which chamber pressures are solved, the first that converges."""
 
 
-def with_steps(solve: Callable[[int], T]) -> T:
+def solve_with_steps(solve: Callable[[int], T]) -> T:
     """Result of `solve` with as many steps a revolution as it needs: a steep pressure may need
     finer ones.
     """
@@ -290,11 +290,11 @@ def measure(
             + _mains(len(signal), n, sample_rate, rng)
             + 0.02 * rng.standard_normal(signal.shape)
         )
-        signals.append(digitized(signal))
+        signals.append(digitize(signal))
     return signals
 
 
-def digitized(signal: Float[np.ndarray, "sensor time"]) -> Float[np.ndarray, "sensor time"]:
+def digitize(signal: Float[np.ndarray, "sensor time"]) -> Float[np.ndarray, "sensor time"]:
     """The signal [m/s^2] as the low pass and the 16-bit converter give it."""
     filtered = scipy.signal.sosfilt(scipy.signal.butter(4, 0.8, output="sos"), signal, axis=-1)
     return (

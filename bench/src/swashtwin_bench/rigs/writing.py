@@ -136,7 +136,7 @@ def _slots(
     return [_Slot(*cell, version, sensors) for cell in cells if cell[1] in labels]
 
 
-def run_of(
+def draw_run(
     name: str,
     specimen: Specimen,
     pressure: float,
@@ -175,12 +175,12 @@ class RigVersion:
     """Classes that it can record."""
 
 
-def _first_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
+def _draw_first_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
     fault = draw_fault(slot.label, slot.specimen, seed, slot.name, is_deep=is_deep)
-    return run_of(slot.name, specimen, slot.pressure, seed, fault)
+    return draw_run(slot.name, specimen, slot.pressure, seed, fault)
 
 
-def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
+def _draw_second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
     """A pump that is not reassembled keeps its fault and its assembly in all recordings of a
     class.
     """
@@ -196,7 +196,7 @@ def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = F
     return Run(specimen.reassemble(seed, purpose), condition, fault)
 
 
-def _third_run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
+def _draw_third_run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
     """A pump is put together anew for another part, and after every third recording of a class and
     pressure.
     """
@@ -217,18 +217,18 @@ _SPEEDS = (SPEED, rpm(1120))
 
 VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
     {
-        "1": RigVersion((SPEED,), draw_specimen, _first_run, measure),
+        "1": RigVersion((SPEED,), draw_specimen, _draw_first_run, measure),
         DEEP_VERSION: RigVersion(
-            (SPEED,), draw_specimen, partial(_first_run, is_deep=True), measure
+            (SPEED,), draw_specimen, partial(_draw_first_run, is_deep=True), measure
         ),
-        "2": RigVersion(_SPEEDS, version_two.draw_specimen, _second_run, measure_two),
+        "2": RigVersion(_SPEEDS, version_two.draw_specimen, _draw_second_run, measure_two),
         "2-deep": RigVersion(
-            _SPEEDS, version_two.draw_specimen, partial(_second_run, is_deep=True), measure_two
+            _SPEEDS, version_two.draw_specimen, partial(_draw_second_run, is_deep=True), measure_two
         ),
         "3": RigVersion(
             (rpm(1000), rpm(1450)),
             version_three.draw_specimen,
-            _third_run,
+            _draw_third_run,
             measure_three,
             version_three.LABELS,
         ),
@@ -253,7 +253,7 @@ def require_version(version: str) -> None:
         )
 
 
-def recording_of(
+def make_recording(
     name: str,
     label: str,
     pressure: float,
@@ -360,7 +360,7 @@ def _measure_batch(
 
 
 def _recording(slot: _Slot, run: Run, signal: Float[np.ndarray, "sensor time"]) -> Recording:
-    return recording_of(
+    return make_recording(
         slot.name, slot.label, slot.pressure, run, signal, speed=slot.speed, version=slot.version
     )
 

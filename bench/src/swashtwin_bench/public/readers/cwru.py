@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Entry, ReadOptions, Recording, load_entry, open_raw
-from swashtwin_bench.public.readers.named_files import facts_of, files_below, table_of
+from swashtwin_bench.public.readers.named_files import drop_empty, files_below, read_set_table
 
 # Nominal speed [rpm] at each load [hp].
 _LOADS = {0: 1797, 1: 1772, 2: 1750, 3: 1730}
@@ -117,7 +117,7 @@ def read_cwru(folder: Path | str) -> list[Recording]:
     """
     folder = Path(folder)
     records = _records()
-    table = table_of(folder)
+    table = read_set_table(folder)
     paths: dict[int, Path] = {}
     for path in files_below(folder, ".mat"):
         numbers = {int(text) for text in _NUMBER.findall(path.stem)} & records.keys()
@@ -183,6 +183,6 @@ def _recordings(
             unit="g",
             sample_rate=f"{record.kilohertz} kHz",
             sha256=row.get("sha256"),
-            attributes=facts_of(attributes),
+            attributes=drop_empty(attributes),
         )
         yield load_entry(path, entry)

@@ -31,7 +31,7 @@ def files_below(folder: Path, *suffixes: str) -> list[Path]:
     return paths
 
 
-def table_of(folder: Path) -> dict[str, dict[str, str]]:
+def read_set_table(folder: Path) -> dict[str, dict[str, str]]:
     """Rows of the set's ``files.csv``, with checksums, by their column ``file``; empty where the
     set came without.
     """
@@ -42,7 +42,7 @@ def table_of(folder: Path) -> dict[str, dict[str, str]]:
         return {row["file"]: row for row in csv.DictReader(file) if row.get("file")}
 
 
-def facts_of(texts: dict[str, str | None]) -> dict[str, str]:
+def drop_empty(texts: dict[str, str | None]) -> dict[str, str]:
     """The texts that say something."""
     return {name: text for name, text in texts.items() if text}
 
@@ -62,7 +62,7 @@ def _read(
         table.
     """
     folder = Path(folder)
-    table = table_of(folder)
+    table = read_set_table(folder)
     recordings = []
     for path in files_below(folder, *suffixes):
         if (match := re.fullmatch(pattern, stem_of(path))) is not None:
@@ -111,7 +111,7 @@ def read_bearing_run_to_failure(folder: Path | str) -> list[Recording]:
             separator=",",
             decimal=".",
             header_lines=0,
-            attributes=facts_of(attributes),
+            attributes=drop_empty(attributes),
         )
 
     return _read(

@@ -117,7 +117,7 @@ class Damage(Fault):
         )
 
 
-def damage_of(fault: Fault | None, mode: str) -> Damage:
+def find_damage(fault: Fault | None, mode: str) -> Damage:
     """The damage of that mode in a run's fault, of extent 0 where there is none."""
     while isinstance(fault, Damage):
         if fault.mode == mode:

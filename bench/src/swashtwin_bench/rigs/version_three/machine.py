@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from swashtwin.foundation import compiled, deg, um
 from swashtwin_bench.rigs.measuring import Run
-from swashtwin_bench.rigs.version_three.fleet import ThirdSpecimen, damage_of
+from swashtwin_bench.rigs.version_three.fleet import ThirdSpecimen, find_damage
 
 STEPS = 3780
 """Steps of a revolution in every table: a multiple of 7 and of 9."""
@@ -69,7 +69,7 @@ def _opening(run: Run, specimen: ThirdSpecimen, port: int) -> Float[np.ndarray, 
     """Area [m^2] by which a bore opens on the suction (0) or the discharge (1), by its angle."""
     design, erosion, scratch = (
         specimen.design,
-        *(damage_of(run.fault, mode) for mode in ("erosion", "scratch")),
+        *(find_damage(run.fault, mode) for mode in ("erosion", "scratch")),
     )
     begin, end = np.array((design.suction, design.discharge)[port]) + specimen.shifts[port]
     begin -= (0.5, 1.0)[port] * deg(3.5) * erosion.extent
@@ -87,12 +87,12 @@ def _opening(run: Run, specimen: ThirdSpecimen, port: int) -> Float[np.ndarray, 
     return np.asarray(np.maximum(kidney, relief) + dam)
 
 
-def oil_of(run: Run, specimen: ThirdSpecimen) -> Oil:
+def solve_oil(run: Run, specimen: ThirdSpecimen) -> Oil:
     """Pressures and losses of a run, once they repeat from turn to turn."""
     design, condition, count = specimen.design, run.condition, len(specimen.clearances)
     modes = ("scuffed", "face", "wear", "loose", "recess", "scoring", "cavitation")
     scuffed, face, wear, loose, recess, scoring, cavitation = (
-        damage_of(run.fault, mode) for mode in modes
+        find_damage(run.fault, mode) for mode in modes
     )
     mu, which = viscosity(condition.oil_temperature), np.arange(count)
     clearance = np.array(specimen.clearances) + um(45) * scuffed.extent * (which == scuffed.piston)

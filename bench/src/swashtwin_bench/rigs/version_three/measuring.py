@@ -16,15 +16,15 @@ from jaxtyping import Complex, Float
 
 from swashtwin.foundation import celsius, deg, random_stream, um
 from swashtwin.signals import inverse_transform, line_frequencies, transform
-from swashtwin_bench.rigs.measuring import Run, digitized
-from swashtwin_bench.rigs.version_three.fleet import PATHS, ThirdSpecimen, damage_of
+from swashtwin_bench.rigs.measuring import Run, digitize
+from swashtwin_bench.rigs.version_three.fleet import PATHS, ThirdSpecimen, find_damage
 from swashtwin_bench.rigs.version_three.machine import (
     TURN,
     Oil,
     along,
     contact_forces,
     near,
-    oil_of,
+    solve_oil,
     viscosity,
 )
 
@@ -48,7 +48,7 @@ def measure(
         assert isinstance(specimen, ThirdSpecimen)
         rng, oil, n = (
             random_stream(seed, "reading of version 3", name),
-            oil_of(run, specimen),
+            solve_oil(run, specimen),
             round(duration * sample_rate),
         )
         n += GUARD
@@ -71,7 +71,7 @@ def measure(
             run, specimen, angle, sample_rate, rng
         )
         signals.append(
-            digitized(signal[:, GUARD:] + 0.03 * rng.standard_normal((len(signal), n - GUARD)))
+            digitize(signal[:, GUARD:] + 0.03 * rng.standard_normal((len(signal), n - GUARD)))
         )
     return signals
 
@@ -115,7 +115,7 @@ def forces_of(
     )
     modes = ("recess", "scoring", "loose", "scuffed", "bore", "face", "wear")
     recess, scoring, loose, scuffed, bore, face, wear = (
-        damage_of(run.fault, mode) for mode in modes
+        find_damage(run.fault, mode) for mode in modes
     )
     pressed = (condition.discharge_pressure / 10e6) ** np.array([0.15, 0.4])
     thick = (
@@ -197,7 +197,7 @@ def sounds_of(
     n, count, noise = len(angle), len(specimen.clearances), specimen.noise
     speed, load = run.condition.speed / 150, run.condition.discharge_pressure / 10e6
     modes = ("scoring", "face", "wear", "race", "cavitation")
-    scoring, face, wear, race, cavitation = (damage_of(run.fault, mode) for mode in modes)
+    scoring, face, wear, race, cavitation = (find_damage(run.fault, mode) for mode in modes)
 
     def struck(order: float, jitter: float, scatter: float, impulse: float) -> np.ndarray:
         """Impacts [N] so often a turn; angles err by `jitter` [rad], impulses [N s] by

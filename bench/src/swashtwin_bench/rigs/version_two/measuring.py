@@ -13,10 +13,10 @@ from swashtwin_bench.rigs.measuring import (
     BANDWIDTH,
     TOPOLOGY,
     Run,
-    digitized,
+    digitize,
     shaft_angle,
     shell_lines,
-    with_steps,
+    solve_with_steps,
 )
 from swashtwin_bench.rigs.version_two.fleet import SecondSpecimen
 from swashtwin_bench.rigs.version_two.sounds import (
@@ -64,7 +64,9 @@ def _samples(
     time = np.arange(n) / sample_rate
     case = LoadCase(specimen.pump, condition, run.fault, specimen.clearances)
     n_lines = int(BANDWIDTH / condition.shaft_frequency)
-    pressure = with_steps(lambda steps: force_lines(case, n_lines, topology=TOPOLOGY, steps=steps))
+    pressure = solve_with_steps(
+        lambda steps: force_lines(case, n_lines, topology=TOPOLOGY, steps=steps)
+    )
     lines = shell_lines(run, pressure)
     orders = np.arange(1, lines.shape[1] + 1)
     lines = lines * specimen.housing.response(orders * condition.shaft_frequency)
@@ -82,4 +84,4 @@ def _samples(
     signal = synchronous_signal(lines, orders, angle) * drift + inverse_transform(sound, n)
     signal = specimen.housing.gain @ (signal + stand_noise(run, specimen, angle, sample_rate, rng))
     signal = signal + 0.025 * rng.standard_normal(signal.shape)
-    return digitized(signal)
+    return digitize(signal)

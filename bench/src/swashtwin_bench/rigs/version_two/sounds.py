@@ -49,7 +49,7 @@ class Impacts:
     """Speed [m/s] that each gives to the housing."""
 
 
-def wear_of(run: Run) -> Float[np.ndarray, " piston"]:
+def piston_wear(run: Run) -> Float[np.ndarray, " piston"]:
     """Severity of piston wear over the typical one, by piston."""
     wear = np.zeros(run.specimen.pump.rotating_group.piston_count)
     if isinstance(run.fault, PistonWear):
@@ -57,7 +57,7 @@ def wear_of(run: Run) -> Float[np.ndarray, " piston"]:
     return wear
 
 
-def impacts_of(run: Run, specimen: SecondSpecimen) -> list[Impacts]:
+def list_impacts(run: Run, specimen: SecondSpecimen) -> list[Impacts]:
     """All impacts of a revolution."""
     fault, count = run.fault, run.specimen.pump.rotating_group.piston_count
     load = (run.condition.discharge_pressure / 10e6) ** 0.7
@@ -71,7 +71,7 @@ def impacts_of(run: Run, specimen: SecondSpecimen) -> list[Impacts]:
     impacts = [
         Impacts(0, DISCHARGE - turn, strengths[0] * meeting),
         Impacts(0, SUCTION - turn, 0.6 * strengths[0] * meeting),
-        Impacts(1, DISCHARGE + deg(9) - turn, strengths[1] * (1 + 4 * wear_of(run))),
+        Impacts(1, DISCHARGE + deg(9) - turn, strengths[1] * (1 + 4 * piston_wear(run))),
     ]
     if isinstance(fault, BoreDefect):
         leaving = fault.angle + fault.half_width - turn[[fault.bore]]
@@ -98,7 +98,7 @@ def bursts(
     turns = np.arange(
         math.floor(angle[0] / (2 * np.pi)) - 1, math.ceil(angle[-1] / (2 * np.pi)) + 1
     )
-    for impacts in impacts_of(run, specimen):
+    for impacts in list_impacts(run, specimen):
         shape = (len(turns), len(impacts.angle))
         where = 2 * np.pi * turns[:, None] + impacts.angle + rng.normal(0, JITTER, shape)
         speed = impacts.strength * np.exp(rng.normal(0, IRREGULARITY, shape))
@@ -138,7 +138,7 @@ def loudness(run: Run, specimen: SecondSpecimen) -> Float[np.ndarray, " step"]:
         half = fault.length / (2 * specimen.pump.rotating_group.pitch_radius)
         jets = jets + 0.8 * min(3.0, fault.depth / RECESS_DEPTH) * near(fault.angle, half / 2)
     pressed = (1 - np.tanh(np.sin(phi) / 0.12)) / 2
-    leaking = 1.3 * wear_of(run)[:, None] * pressed
+    leaking = 1.3 * piston_wear(run)[:, None] * pressed
     if isinstance(fault, BoreDefect):
         struck = np.arange(count)[:, None] == fault.bore
         leaking = leaking + 0.8 * struck * fault.depth / um(270) * near(

@@ -252,7 +252,6 @@ def draw_spectra(site: Site, judgment: Judgment, healthy_ids: Sequence[int]) -> 
     except (SwashTwinError, OSError):
         return ()
 
-    # The band shows the range, not a spread: a few recordings have no reliable spread.
     healthy = _read_healthy_lines(site, healthy_ids, amplitude.shape)
     x = Axis(0.0, float(frequency[-1]))
     shaft_hz = None if judgment.speed is None else judgment.speed / (2 * math.pi)

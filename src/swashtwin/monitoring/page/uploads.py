@@ -80,7 +80,7 @@ async def _accept(site: Site, request: Request) -> str:
         await asyncio.to_thread(path.parent.mkdir, parents=True, exist_ok=True)
         file_name, form_facts = await _write_form(request, path)
 
-        # Facts may stand in the address too, for senders that can add a file but no fields.
+        # Facts may stand in the address or in the form; both together must not contradict.
         specified_facts = [*request.query_params.multi_items(), *form_facts]
         facts = dict(specified_facts)
         if len(facts) < len(specified_facts):

@@ -160,7 +160,7 @@ def test_the_command_ranks_what_the_function_ranks(
         )
         np.testing.assert_allclose(answered, wanted)
     shown = run(*words).stdout
-    assert "What to record next" in shown
+    assert "Candidates for the next recording" in shown
     assert "1500 rpm" in shown
     assert "must be different sensors of the pump" in one_line(
         run("twin", "next", path, "--sensors", "top", code=3)
@@ -170,4 +170,7 @@ def test_the_command_ranks_what_the_function_ranks(
     monkeypatch.setattr("swashtwin.calibration.plan_recording", lambda *args, **options: widened)
     shown = " ".join(run(*words).stdout.split())
     assert shown.count(" none ") == len(plan.candidates) - 1
-    assert "none: the twin errs there by more than a further recording can tell" in shown
+    assert (
+        "none: there, the model error of the twin exceeds what a further recording resolves"
+        in shown
+    )

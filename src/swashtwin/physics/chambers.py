@@ -33,11 +33,10 @@ ITERATIONS = 60
 @compiled
 @no_type_check
 def march(over_angle, over_pistons, constants, revolutions, iterations, chamber, line):
-    """Fill `chamber` (angle, piston) and `line` (angle) of the last of `revolutions`; the step that
-    failed, or 0.
+    """Fill `chamber` (angle, piston) and `line` (angle) with the last of `revolutions`.
 
-    Element k of both belongs to the shaft angle 2 pi (k + 1) / angles. The number of angles must be
-    a multiple of the pistons'. The tables:
+    Returns the step that failed, or 0. Element k of both belongs to the shaft angle
+    2 pi (k + 1) / angles. The number of angles must be a multiple of the pistons'. The tables:
 
     - `over_angle` (angle, 6), of a piston that stands there: flow over the root of the pressure
       difference through the suction and the discharge port [m^3/(s Pa^0.5)], time of a step over
@@ -51,27 +50,36 @@ def march(over_angle, over_pistons, constants, revolutions, iterations, chamber,
       the pressure above cracking [m^3/(s Pa)]; that pressure [Pa].
     """
     n_angles, n_pistons = chamber.shape
-    suction, discharge, case, softness, air = (
-        constants[0],
-        constants[1],
-        constants[2],
-        constants[3],
-        constants[4],
-    )
-    pressure, step, work = np.empty(n_pistons), np.empty((5, n_pistons)), np.empty((5, n_pistons))
+    suction = constants[0]
+    discharge = constants[1]
+    case = constants[2]
+    softness = constants[3]
+    air = constants[4]
+    pressure = np.empty(n_pistons)
+    step = np.empty((5, n_pistons))
+    work = np.empty((5, n_pistons))
+
+    # Chambers whose pistons go in start at the discharge pressure, the others at the suction's.
     for j in range(n_pistons):
         rising = math.sin(2 * math.pi * j / n_pistons) < -1e-9
         pressure[j] = discharge if rising else suction
-    line_pressure, stride = discharge, n_angles // n_pistons
+    line_pressure = discharge
+
+    stride = n_angles // n_pistons
     for index in range(1, revolutions * n_angles + 1):
         end = (index - 1) % n_angles
         for j in range(n_pistons):
             row = end + 1 + j * stride
             here = over_angle[row if row < n_angles else row - n_angles]
+            # Compressibility of oil and of its free air, which is isothermal.
             compliance = here[2] / (softness + air / max(pressure[j], AIR_FLOOR) ** 2)
             leakage = here[4] + here[5] * over_pistons[0, j] + over_pistons[1, j]
-            step[0, j], step[1, j], step[2, j], step[3, j] = here[0], here[1], compliance, leakage
+            step[0, j] = here[0]
+            step[1, j] = here[1]
+            step[2, j] = compliance
+            step[3, j] = leakage
             step[4, j] = pressure[j] + compliance * (leakage * case - here[3])
+
         line_pressure = _newton(step, constants, iterations, work, pressure, line_pressure)
         if math.isnan(line_pressure):
             return index
@@ -82,21 +90,30 @@ def march(over_angle, over_pistons, constants, revolutions, iterations, chamber,
 
 @compiled
 @no_type_check
-def _newton(step, constants, iterations, work, pressure, line_before):
-    """Solve one step into `pressure`; the outlet line's pressure, or not a number where it does not
-    converge.
+def _newton(step, constants, iterations, work, pressure, previous_line):
+    """Solve one step into `pressure`; return the outlet line's pressure, NaN without convergence.
+
+    The matrix is an arrow: each chamber meets only the line. Its rows are eliminated one by one,
+    which leaves one equation for the change of the line's pressure.
     """
-    suction, line_compliance, relief, cracking = (
-        constants[0],
-        constants[5],
-        constants[6],
-        constants[7],
-    )
-    residual, diagonal, through, damping, before = work[0], work[1], work[2], work[3], work[4]
-    damping[:], before[:] = 1.0, 0.0
-    n_pistons, line = pressure.size, line_before
+    suction = constants[0]
+    line_compliance = constants[5]
+    relief = constants[6]
+    cracking = constants[7]
+    residual = work[0]
+    diagonal = work[1]
+    through = work[2]
+    damping = work[3]
+    previous_change = work[4]
+    damping[:] = 1.0
+    previous_change[:] = 0.0
+    n_pistons = pressure.size
+    line = previous_line
     for _ in range(iterations):
-        flow_sum, slope_sum, pushed, answered = 0.0, 0.0, 0.0, 0.0
+        flow_sum = 0.0
+        slope_sum = 0.0
+        pushed = 0.0
+        answered = 0.0
         for j in range(n_pistons):
             flow_in, slope_in = orifice(step[0, j], suction - pressure[j])
             flow_out, slope_out = orifice(step[1, j], pressure[j] - line)
@@ -112,23 +129,31 @@ def _newton(step, constants, iterations, work, pressure, line_before):
             slope_sum += slope_out
             pushed += from_chamber * residual[j]
             answered += from_chamber * through[j]
+
         excess = line - cracking
         line_residual = (
-            line - line_before - line_compliance * (flow_sum - relief * max(excess, 0.0))
+            line - previous_line - line_compliance * (flow_sum - relief * max(excess, 0.0))
         )
-        line_own = 1 + line_compliance * (slope_sum + relief * (excess > 0))
-        line_change = (pushed - line_residual) / (line_own - answered)
-        cast_like, least = 0.0, 1.0
+        line_diagonal = 1 + line_compliance * (slope_sum + relief * (excess > 0))
+        line_change = (pushed - line_residual) / (line_diagonal - answered)
+
+        # A change of the other sign has passed the solution: its step is halved, and then regrows.
+        largest_change = 0.0
+        min_damping = 1.0
         for j in range(n_pistons):
             change = (-residual[j] - through[j] * line_change) / diagonal[j]
-            damping[j] = 0.5 * damping[j] if change * before[j] < 0 else min(1.0, 1.5 * damping[j])
-            before[j] = change
-            after = max(pressure[j] + damping[j] * change, FLOOR)
-            cast_like = max(cast_like, abs(after - pressure[j]))
-            least = min(least, damping[j])
-            pressure[j] = after
-        line += least * line_change
-        if max(cast_like / least, abs(line_change)) < TOLERANCE:
+            if change * previous_change[j] < 0:
+                damping[j] = 0.5 * damping[j]
+            else:
+                damping[j] = min(1.0, 1.5 * damping[j])
+            previous_change[j] = change
+            updated = max(pressure[j] + damping[j] * change, FLOOR)
+            largest_change = max(largest_change, abs(updated - pressure[j]))
+            min_damping = min(min_damping, damping[j])
+            pressure[j] = updated
+        line += min_damping * line_change
+
+        if max(largest_change / min_damping, abs(line_change)) < TOLERANCE:
             return line
     return math.nan
 
@@ -136,9 +161,10 @@ def _newton(step, constants, iterations, work, pressure, line_before):
 @compiled
 @no_type_check
 def orifice(opening, difference):
-    """Flow through an orifice under a pressure `difference`, and its derivative."""
+    """Return the flow through an orifice under a pressure `difference`, and its derivative."""
     if opening == 0.0:
         return 0.0, 0.0
+
     root = abs(difference) + SMOOTHING
     slope = opening / math.sqrt(root)
     return slope * difference, slope * (1 - 0.5 * abs(difference) / root)

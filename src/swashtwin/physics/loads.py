@@ -1,5 +1,4 @@
-"""Chamber pressures of a pump, healthy or faulty, and the forces with which they act on the 13
-degrees of freedom.
+"""Chamber pressures of a pump, healthy or faulty, and their forces on the 13 degrees of freedom.
 
 These loads do not depend on the six interface values: a twin computes them once for each operating
 point. Equations and expected effects of each fault: docs/explanation/physics.md, sections 2.4 and
@@ -46,11 +45,9 @@ class LoadCase:
     """One pump at one operating point with at most one fault."""
 
     pump: Pump
-    """What turns."""
     condition: OperatingCondition
-    """Under which speed, pressures and temperature."""
     fault: Fault | None = None
-    """What is wrong with it."""
+    """Fault of the pump; None is a healthy one."""
     piston_clearances: tuple[float, ...] | None = None
     """Radial clearance of each piston [m]; None: all as in the pump file."""
 
@@ -60,7 +57,7 @@ class LoadCase:
             raise InputError(
                 f"piston_clearances has {len(self.piston_clearances)} values for {count} pistons."
             )
-        added_leakage(self.fault, self.pump)  # refuses a piston that there is not
+        added_leakage(self.fault, self.pump)  # which refuses a piston that the pump does not have
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +65,7 @@ class ChamberPressures:
     """Pressures over one revolution, once they repeat."""
 
     angle: Float[np.ndarray, " step"]
-    """Shaft angle [rad] of each step, 0 at top dead center of piston 0; a uniform grid that ends at
-    2 pi.
-    """
+    """Shaft angle [rad] of each step, 0 at top dead center of piston 0: a uniform grid up to 2 pi."""
     chamber: Float[np.ndarray, "piston step"]
     """Pressure in each chamber [Pa]."""
     discharge: Float[np.ndarray, " step"]
@@ -82,15 +77,18 @@ class ChamberPressures:
 def port_openings(
     pump: Pump, fault: Fault | None, angle: Float[np.ndarray, " angle"]
 ) -> tuple[Float[np.ndarray, " angle"], Float[np.ndarray, " angle"]]:
-    """Areas [m^2] by which a bore at shaft `angle` [rad] opens onto the suction and the discharge
-    port.
+    """Return the areas [m^2] by which a bore opens onto the suction and the discharge port.
 
     A kidney opens and closes linearly. Ahead of it lies a triangular relief groove of depth s
     tan(slope), s from its tip.
+
+    Parameters
+    ----------
+    angle : shaft angle of the bore [rad].
     """
     plate = pump.valve_plate
     change = port_change(fault, angle)
-    advance, widening = change.advance, change.groove_factor
+    advance = change.advance
 
     def port(opens: float, closes: float) -> np.ndarray:
         length = closes - opens + advance
@@ -99,11 +97,12 @@ def port_openings(
         )
         ramp = np.clip(np.minimum(turned, length - turned) / plate.port_ramp, 0, 1)
         kidney = plate.port_area_ratio * pump.rotating_group.piston_area * ramp
+
         along = pump.rotating_group.pitch_radius * np.clip(
             turned + plate.groove_angle, 0, plate.groove_angle
         )
         groove = (
-            widening
+            change.groove_factor
             * (along * math.tan(plate.groove_slope)) ** 2
             * math.tan(plate.groove_flank / 2)
         )
@@ -115,28 +114,37 @@ def port_openings(
 
 
 def _over_angle(case: LoadCase, angle: np.ndarray, step_time: float) -> np.ndarray:
-    """What depends on where a piston stands; see `chambers.march`."""
-    pump, condition, fault = case.pump, case.condition, case.fault
-    group, viscosity = pump.rotating_group, pump.oil.viscosity_at(condition.oil_temperature)
+    """Return the table over the angle of a piston; see `chambers.march`."""
+    pump = case.pump
+    condition = case.condition
+    group = pump.rotating_group
+    viscosity = pump.oil.viscosity_at(condition.oil_temperature)
+
+    # Chamber volume and its growth over the angle, with the recess that a slipper sinks into.
     lift = group.pitch_radius * math.tan(group.swash_angle)
     volume = group.dead_volume + group.piston_area * lift * (1 - np.cos(angle))
     swept = group.piston_area * lift * np.sin(angle)
     slipper = np.full_like(angle, slipper_leakage(pump, group.slipper_film, viscosity))
-    recess = find_recess(fault)
+    recess = find_recess(case.fault)
     if recess is not None and not recess.strains_films and recess.depth > 0:
         height, slope = slipper_profile(pump, recess, angle)
         volume = volume + group.piston_area * height / math.cos(group.swash_angle)
         swept = swept + group.piston_area * slope / math.cos(group.swash_angle)
+
+        # A slipper over the recess does not seal.
         film = group.slipper_film + float(height.max())
         lifted = open_slipper_leakage(pump, film, viscosity, condition.discharge_pressure)
         slipper = (
             slipper + recess.leakage * max(0.0, lifted - float(slipper[0])) * height / height.max()
         )
-    film = pump.valve_plate.film + added_leakage(fault, pump).valve_plate_film
+
+    film = pump.valve_plate.film + added_leakage(case.fault, pump).valve_plate_film
     guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
     orifice = pump.oil.discharge_coefficient * math.sqrt(2 / pump.oil.density)
+    suction, discharge = port_openings(pump, case.fault, angle)
     columns = [
-        *(orifice * opening for opening in port_openings(pump, fault, angle)),
+        orifice * suction,
+        orifice * discharge,
         step_time / volume,
         swept * condition.speed,
         slipper + valve_plate_leakage(pump, film, viscosity),
@@ -145,16 +153,28 @@ def _over_angle(case: LoadCase, angle: np.ndarray, step_time: float) -> np.ndarr
     return np.stack(columns, axis=1)
 
 
+def _over_pistons(case: LoadCase) -> np.ndarray:
+    """Return the table over the pistons; see `chambers.march`."""
+    group = case.pump.rotating_group
+    leakage = added_leakage(case.fault, case.pump)
+    clearance = np.full(group.piston_count, group.piston_clearance)
+    if case.piston_clearances is not None:
+        clearance = np.array(case.piston_clearances, dtype=float)
+    return np.stack(
+        [
+            (clearance + leakage.piston_clearance) ** 3,
+            np.zeros(group.piston_count) + leakage.conductance,
+        ]
+    )
+
+
 @lru_cache(maxsize=8)
 def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Pressures in the chambers (piston, step) and in the outlet line (step), and the mean flow."""
-    pump, condition = case.pump, case.condition
-    name = (
-        f"{pump.name}, {condition.speed * 30 / math.pi:.4g} rev/min, "
-        f"{condition.discharge_pressure / 1e6:.4g} MPa, fault {case.fault}"
-    )
+    """Return pressures of chambers (piston, step) and outlet line (step), and the mean flow."""
+    pump = case.pump
+    condition = case.condition
     step_time = 2 * math.pi / steps / condition.speed
-    # the relief valve lets all that is displaced through at full override
+    # At full override the relief valve passes all that the pump displaces.
     relief = (
         pump.rotating_group.displacement * condition.shaft_frequency / pump.line.relief_override
     )
@@ -172,37 +192,37 @@ def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, n
         ]
     )
     over_angle = _over_angle(case, 2 * math.pi * np.arange(steps) / steps, step_time)
-    chamber, discharge = np.empty((steps, pump.rotating_group.piston_count)), np.empty(steps)
-    group, leakage = pump.rotating_group, added_leakage(case.fault, pump)
-    clearance = np.full(group.piston_count, group.piston_clearance)
-    if case.piston_clearances is not None:
-        clearance = np.array(case.piston_clearances, dtype=float)
-    over_pistons = np.stack(
-        [
-            (clearance + leakage.piston_clearance) ** 3,
-            np.zeros(group.piston_count) + leakage.conductance,
-        ]
-    )
+    over_pistons = _over_pistons(case)
+
+    chamber = np.empty((steps, pump.rotating_group.piston_count))
+    discharge = np.empty(steps)
     failed = march(over_angle, over_pistons, constants, revolutions, ITERATIONS, chamber, discharge)
+
+    case_name = (
+        f"{pump.name}, {condition.speed * 30 / math.pi:.4g} rev/min, "
+        f"{condition.discharge_pressure / 1e6:.4g} MPa, fault {case.fault}"
+    )
     if failed:
         raise SwashTwinError(
-            f"chamber pressures of {name} do not converge at shaft angle {360 * (failed % steps) / steps:.4g} deg; "
-            f"more steps than {steps} per revolution may help."
+            f"chamber pressures of {case_name} do not converge at shaft angle "
+            f"{360 * (failed % steps) / steps:.4g} deg; more steps than {steps} per revolution "
+            "may help."
         )
     flow = relief * float(np.maximum(discharge - cracking, 0.0).mean())
     if flow <= 0:
         raise InputError(
-            f"{name} leaks all it displaces and cannot hold its discharge pressure; raise the speed, or lower "
-            "discharge_pressure or oil_temperature."
+            f"{case_name} leaks all it displaces and cannot hold its discharge pressure; raise the "
+            "speed, or lower discharge_pressure or oil_temperature."
         )
-    chamber.flags.writeable = discharge.flags.writeable = (
-        False  # remembered, and shared by who asks again
-    )
+
+    # The arrays are cached, and shared by all callers.
+    chamber.flags.writeable = False
+    discharge.flags.writeable = False
     return chamber.T, discharge, flow
 
 
-def _whole(steps: int, case: LoadCase) -> int:
-    """`steps` rounded up to a multiple of the number of pistons."""
+def _round_up_steps(steps: int, case: LoadCase) -> int:
+    """Return `steps` rounded up to a multiple of the number of pistons."""
     count = case.pump.rotating_group.piston_count
     return -(-steps // count) * count
 
@@ -210,38 +230,39 @@ def _whole(steps: int, case: LoadCase) -> int:
 def chamber_pressures(
     case: LoadCase, *, steps: int = 1792, revolutions: int = 2
 ) -> ChamberPressures:
-    """Periodic pressures of a case.
+    """Return the periodic pressures of a case.
 
     Parameters
     ----------
     steps : steps per revolution, rounded up to a multiple of the number of pistons.
-    revolutions : how many to integrate; the last is returned, and the second already repeats to
-        3e-4.
+    revolutions : number of revolutions to integrate; the last is returned, and the second already
+        repeats to 3e-4.
 
     Raises
     ------
     InputError
         A pump that leaks more than it displaces, or too few steps.
     SwashTwinError
-        The pressures cannot be solved for.
+        The iteration does not converge.
     """
     if steps < 180 or revolutions < 1:
         raise InputError(
             f"steps ({steps}) must be at least 180 and revolutions ({revolutions}) at least 1."
         )
-    steps = _whole(steps, case)
+
+    steps = _round_up_steps(steps, case)
     return ChamberPressures(_end_angles(steps), *_solved(case, steps, revolutions))
 
 
 def _end_angles(steps: int) -> np.ndarray:
-    """Shaft angle [rad] at the end of each step."""
+    """Return the shaft angle [rad] at the end of each step."""
     return 2 * math.pi * np.arange(1, steps + 1) / steps
 
 
 def generalized_forces(
     pump: Pump, force: Float[np.ndarray, "piston step"], angle: Float[np.ndarray, "piston step"]
 ) -> Float[np.ndarray, "step 13"]:
-    """Forces of the chamber pressures on the 13 degrees of freedom, for topology T1 [N, N m].
+    """Return the chamber pressures' forces on the 13 degrees of freedom, for T1 [N, N m].
 
     Parameters
     ----------
@@ -252,7 +273,7 @@ def generalized_forces(
 
 
 def _resultants(pump: Pump, force: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    """Sum of the piston forces [N], and their moments about x and y over the shaft angle [N m]."""
+    """Return the sum of the piston forces [N], and their moments about x and y [N m]."""
     radius = pump.rotating_group.pitch_radius
     return np.stack(
         [
@@ -264,21 +285,23 @@ def _resultants(pump: Pump, force: np.ndarray, cosine: np.ndarray, sine: np.ndar
 
 
 def _shares(pump: Pump) -> np.ndarray:
-    """What each degree of freedom takes of the resultants, for topology T1."""
-    balance, tangent = pump.valve_plate.balance_ratio, math.tan(pump.rotating_group.swash_angle)
+    """Return the share of each degree of freedom in the resultants, for topology T1."""
+    balance = pump.valve_plate.balance_ratio
+    tangent = math.tan(pump.rotating_group.swash_angle)
     shares = np.zeros((N_DOF, 3))
-    shares[[Dof.SHELL_Z, Dof.ROTOR_Z, Dof.RETAINER_Z], 0] = balance, 1 - balance, -1.0
-    shares[[Dof.SHELL_TILT_X, Dof.ROTOR_TILT_X], 1] = (
-        balance - 1 - tangent**2,
-        1 - balance + tangent**2,
-    )
-    shares[[Dof.SHELL_TILT_Y, Dof.ROTOR_TILT_Y], 2] = 1 - balance, balance - 1
+    shares[Dof.SHELL_Z, 0] = balance
+    shares[Dof.ROTOR_Z, 0] = 1 - balance
+    shares[Dof.RETAINER_Z, 0] = -1.0
+    shares[Dof.SHELL_TILT_X, 1] = balance - 1 - tangent**2
+    shares[Dof.ROTOR_TILT_X, 1] = 1 - balance + tangent**2
+    shares[Dof.SHELL_TILT_Y, 2] = 1 - balance
+    shares[Dof.ROTOR_TILT_Y, 2] = balance - 1
     return shares
 
 
 @lru_cache(maxsize=4)
-def _turned(count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cosine and sine of the angle of each piston (piston, step)."""
+def _piston_cosines_and_sines(count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return cosine and sine of the angle of each piston (piston, step)."""
     angle = _end_angles(steps) + 2 * math.pi * np.arange(count)[:, None] / count
     return np.cos(angle), np.sin(angle)
 
@@ -286,8 +309,7 @@ def _turned(count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
 def force_lines(
     case: LoadCase, n_lines: int, *, topology: Literal["T1", "T2"] = "T1", steps: int = 1792
 ) -> Complex[np.ndarray, "order 13"]:
-    """Order lines of the forces of chamber pressures and unbalance on the 13 degrees of freedom [N,
-    N m].
+    """Return the order lines of the forces of chamber pressures and unbalance [N, N m].
 
     Entry k holds the complex amplitude at k times the shaft frequency, entry 0 the mean: x(t) = X_0
     + Re sum_k X_k exp(i k theta), where theta is 0 at top dead center of piston 0. The last
@@ -298,29 +320,31 @@ def force_lines(
     n_lines : highest order.
     topology : T1, slippers ride on the retainer; T2, they are rigid with the rotor, which then
         takes the piston force.
-    steps : steps per revolution, at least; as many more as the lines need. Euler's method is of
-        first order: with 1792 steps the lines up to 5 n are off by 1 % of their sum (7 % of the
+    steps : minimum steps per revolution; more are taken if the lines need them. Euler's method is
+        of first order: with 1792 steps the lines up to 5 n are off by 1 % of their sum (7 % of the
         smallest), with 896 by twice that.
 
     Raises
     ------
     InputError
-        No line is asked for; see also `chamber_pressures`.
+        `n_lines` is not positive; see also `chamber_pressures`.
     """
     if n_lines < 1:
         raise InputError(f"n_lines ({n_lines}) must be at least 1.")
-    lines = _all_force_lines(_pressing(case), _whole(max(steps, 2 * n_lines + 2), case))[
-        : n_lines + 1
-    ].copy()
+
+    n_steps = _round_up_steps(max(steps, 2 * n_lines + 2), case)
+    all_lines = _all_force_lines(_without_idle_fault(case), n_steps)
+    lines = all_lines[: n_lines + 1].copy()
     if topology == "T2":
         lines[:, Dof.ROTOR_Z] += lines[:, Dof.RETAINER_Z]
         lines[:, Dof.RETAINER_Z] = 0
     return lines
 
 
-def _pressing(case: LoadCase) -> LoadCase:
-    """The case without a fault that leaves its pressures alone: cases of equal pressures become
-    equal.
+def _without_idle_fault(case: LoadCase) -> LoadCase:
+    """Return the case without a fault that does not change its pressures.
+
+    Cases of equal pressures become equal, and share one entry of the cache.
     """
     recess = find_recess(case.fault)
     if recess is not None and not recess.strains_films:
@@ -337,16 +361,19 @@ CACHED_POINTS = 64
 
 @lru_cache(maxsize=CACHED_POINTS)
 def _all_force_lines(case: LoadCase, steps: int) -> Complex[np.ndarray, "order 13"]:
-    """Lines of one case for topology T1, as many as `steps` give."""
+    """Return all lines that `steps` give, for topology T1."""
     chamber, _, _ = _solved(case, steps, revolutions=2)
     force = case.pump.rotating_group.piston_area * (chamber - case.condition.case_pressure)
-    resultants = _resultants(case.pump, force, *_turned(len(force), steps))
+    resultants = _resultants(case.pump, force, *_piston_cosines_and_sines(len(force), steps))
+
+    # The first step ends at the angle 2 pi / steps; lines count from the angle 0.
     to_zero = np.exp(-1j * np.arange(steps // 2 + 1) * (2 * math.pi / steps))
     lines = (fourier_lines(resultants) * to_zero).T @ _shares(case.pump).T
+
     unbalance = (
         case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2
     )
     lines[1, Dof.ROTOR_X] += unbalance
     lines[1, Dof.ROTOR_Y] -= 1j * unbalance
-    lines.flags.writeable = False
+    lines.flags.writeable = False  # cached, and shared by all callers
     return lines

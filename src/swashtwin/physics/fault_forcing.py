@@ -45,9 +45,7 @@ Lines: TypeAlias = Complex[np.ndarray, " line"]
 def excitation_lines(
     pump: Pump, condition: OperatingCondition, fault: Fault | None, n_lines: int
 ) -> Lines:
-    """Lines 0...`n_lines` of a fault's displacement [m], zero where it has none; without the
-    mean.
-    """
+    """Return lines 0...`n_lines` of a fault's displacement [m], with zero for the mean."""
     return np.concatenate([[0.0], motion_lines(fault, pump, condition, n_lines)])
 
 
@@ -134,28 +132,34 @@ class FaultAction:
         slipper_vector: Float[Tensor, " 13"],
         gain: Float[Tensor, "*rows"],
     ) -> Complex[Tensor, "*fault line 13"]:
-        """Force lines [N, N m] at the frequencies of the displacement's lines, times `gain`."""
-        strained = (values * gain[..., None])[..., None]
-        force = (self.direct * gain[..., None] if self.pushes else self.direct)[
-            ..., None
-        ] * slipper_vector
-        if self.strains:
-            for vector, damping, stiffness in (
-                (self.film, Value.SLIPPER_SWASH_DAMPING, Value.SLIPPER_SWASH_STIFFNESS),
-                (self.bore, Value.PISTON_BORE_DAMPING, Value.PISTON_BORE_STIFFNESS),
-            ):
-                film = (
-                    strained[..., stiffness, :] * self.motion
-                    + strained[..., damping, :] * self.rate
-                )
-                force = force + film[..., None] * vector[..., None, :]
+        """Return the force lines [N, N m] at the frequencies of the displacement, times `gain`."""
+        direct = self.direct * gain[..., None] if self.pushes else self.direct
+        force = direct[..., None] * slipper_vector
+        if not self.strains:
+            return force
+
+        scaled_values = (values * gain[..., None])[..., None]
+        for vector, damping, stiffness in (
+            (self.film, Value.SLIPPER_SWASH_DAMPING, Value.SLIPPER_SWASH_STIFFNESS),
+            (self.bore, Value.PISTON_BORE_DAMPING, Value.PISTON_BORE_STIFFNESS),
+        ):
+            film_force = (
+                scaled_values[..., stiffness, :] * self.motion
+                + scaled_values[..., damping, :] * self.rate
+            )
+            force = force + film_force[..., None] * vector[..., None, :]
         return force
 
     def mapped(self, function: Callable[[Tensor], Tensor]) -> "FaultAction":
-        """The same action with `function` applied to each of its tensors."""
-        tensors = self.motion, self.rate, self.film, self.bore, self.direct
-        motion, rate, film, bore, direct = map(function, tensors)
-        return replace(self, motion=motion, rate=rate, film=film, bore=bore, direct=direct)
+        """Return the action with `function` applied to each of its tensors."""
+        return replace(
+            self,
+            motion=function(self.motion),
+            rate=function(self.rate),
+            film=function(self.film),
+            bore=function(self.bore),
+            direct=function(self.direct),
+        )
 
 
 @singledispatch
@@ -167,15 +171,20 @@ def fault_action(
     frequency: Frequency,
     lines: Lines,
 ) -> FaultAction:
-    """Action of a fault whose displacement `lines` are given at `frequency` [rad/s], float64.
+    """Return the action of a fault with displacement `lines` at `frequency` [rad/s], float64.
 
     Unless registered otherwise, that of its recess (`find_recess`), or none.
     """
-    recess, idle = find_recess(fault), no_action(structure, frequency, lines)
+    recess = find_recess(fault)
+    idle = no_action(structure, frequency, lines)
     if recess is None:
         return idle
-    slipper, motion = structure.slipper_vector, idle.motion
-    share, tilt = 1 / pump.rotating_group.piston_count, math.cos(pump.rotating_group.swash_angle)
+
+    slipper = structure.slipper_vector
+    share = 1 / pump.rotating_group.piston_count
+    tilt = math.cos(pump.rotating_group.swash_angle)
+
+    # Films that cannot pull: only the inertia of piston and slipper resists the displacement.
     if not recess.strains_films:
         inertia = (
             pump.masses.piston_slipper
@@ -183,10 +192,13 @@ def fault_action(
             * frequency**2
             * followed_share(recess, frequency / (2 * np.pi))
         )
-        return replace(idle, direct=torch.as_tensor(recess.gain * inertia) * motion, pushes=True)
+        direct = torch.as_tensor(recess.gain * inertia) * idle.motion
+        return replace(idle, direct=direct, pushes=True)
+
     factor = recess.gain * (share if recess.contact == "shared" else 1.0)
     if not recess.off_axis:
         return replace(idle, film=-factor * slipper, strains=True)
+
     arm = torch.as_tensor(off_axis_vector(pump, topology, recess.angle))
     if topology == "T2":
         return replace(idle, film=-factor * (slipper + arm), strains=True)
@@ -196,12 +208,19 @@ def fault_action(
 
 
 def no_action(structure: Structure, frequency: Frequency, lines: Lines) -> FaultAction:
-    """The displacement `lines` at `frequency` [rad/s] straining nothing; `replace` adds what they
-    strain or push.
+    """Return the displacement `lines` at `frequency` [rad/s] without any force.
+
+    `replace` adds what they strain or push.
     """
-    motion, rate = torch.as_tensor(lines), torch.as_tensor(1j * frequency * lines)
+    motion = torch.as_tensor(lines)
     zero = torch.zeros_like(structure.slipper_vector)
-    return FaultAction(motion, rate, film=zero, bore=zero, direct=torch.zeros_like(motion))
+    return FaultAction(
+        motion,
+        rate=torch.as_tensor(1j * frequency * lines),
+        film=zero,
+        bore=zero,
+        direct=torch.zeros_like(motion),
+    )
 
 
 @fault_action.register(BoreDefect)
@@ -227,15 +246,11 @@ def fault_forces(
     frequency: Frequency,
     lines: Lines,
 ) -> Complex[Tensor, "*fault line 13"]:
-    """Force lines [N, N m] of a fault whose displacement `lines` are given at `frequency`
-    [rad/s].
-    """
-    action = fault_action(fault, pump, structure, topology, frequency, lines).mapped(
-        lambda part: cast_like(part, values)
-    )
-    return action.forces(
-        values, cast_like(structure.slipper_vector, values), values.new_ones(values.shape[:-1])
-    )
+    """Return the force lines [N, N m] of a fault with displacement `lines` at `frequency` [rad/s]."""
+    action = fault_action(fault, pump, structure, topology, frequency, lines)
+    action = action.mapped(lambda part: cast_like(part, values))
+    slipper_vector = cast_like(structure.slipper_vector, values)
+    return action.forces(values, slipper_vector, values.new_ones(values.shape[:-1]))
 
 
 @singledispatch

@@ -57,14 +57,19 @@ mm in 80.
 def pressing_force(
     pump: Pump, condition: OperatingCondition, angle: Float[np.ndarray, " angle"]
 ) -> Float[np.ndarray, " angle"]:
-    """Force along the shaft that presses a slipper on [N] at shaft `angle` [rad], as in a healthy
-    pump, not below 0.
+    """Return the force along the shaft [N] that presses a slipper on, as in a healthy pump.
+
+    Parameters
+    ----------
+    angle : shaft angle [rad]. The force is not below 0.
     """
-    group, tight = pump.rotating_group, chamber_pressures(LoadCase(pump, condition))
+    group = pump.rotating_group
+    tight = chamber_pressures(LoadCase(pump, condition))
     pressure = np.interp(angle, tight.angle, tight.chamber[0], period=2 * math.pi)
-    lift = group.pitch_radius * math.tan(group.swash_angle) * condition.speed**2
     spring = pump.coupling.spring_preload / group.piston_count
     force = group.piston_area * (pressure - condition.case_pressure) + spring
+
+    lift = group.pitch_radius * math.tan(group.swash_angle) * condition.speed**2
     return np.maximum(force - pump.masses.piston_slipper * lift * np.cos(angle), 0.0)
 
 
@@ -72,24 +77,26 @@ def pressing_force(
 def ride(
     pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect
 ) -> Float[np.ndarray, " step"]:
-    """Displacement s [m] of a slipper in `defect` over `STEPS` shaft angles from 0; pressed, it
-    lands once a turn.
+    """Return the displacement s [m] of a slipper in `defect` over `STEPS` shaft angles from 0.
+
+    A slipper that is pressed on lands once a turn, so that the ride repeats.
     """
     angle = 2 * math.pi * np.arange(STEPS) / STEPS
-    mass, tilt = pump.masses.piston_slipper, math.cos(pump.rotating_group.swash_angle)
-    first = int((defect.angle - stages(pump, defect).total / 2) / (2 * math.pi) * STEPS) - 1
     step = condition.period / STEPS
-    pressed = pressing_force(pump, condition, angle)
+    mass = pump.masses.piston_slipper
+    tilt = math.cos(pump.rotating_group.swash_angle)
+
+    # The march begins on the plate, one step before the recess.
+    first = int((defect.angle - stages(pump, defect).total / 2) / (2 * math.pi) * STEPS) - 1
     surface = np.roll(slipper_profile(pump, defect, angle)[0], -first)
-    return np.roll(_path(surface, np.roll(pressed, -first) * (step**2 * tilt / mass)), first)
+    pressed = np.roll(pressing_force(pump, condition, angle), -first)
+    return np.roll(_path(surface, pressed * (step**2 * tilt / mass)), first)
 
 
 @compiled
 @no_type_check
 def _path(surface, falls):
-    """Displacement [m] over a `surface` [m], where it is free to fall by `falls` [m] more in each
-    step.
-    """
+    """Return the displacement [m] over a `surface` [m], free to fall by `falls` [m] more a step."""
     path = np.zeros(surface.size)
     for k in range(1, surface.size - 1):
         path[k + 1] = min(2 * path[k] - path[k - 1] + falls[k], surface[k + 1])
@@ -121,7 +128,7 @@ START = 1.5 * math.pi
 """Shaft angle of the loose piston [rad] where the march starts: under pressure, so that it is
 pressed on.
 """
-MOST_REVOLUTIONS = 20
+MAX_REVOLUTIONS = 20
 """Revolutions after which a motion that has not repeated is given up; two are usual."""
 SLIDING = 0.01
 """Sliding speed [m/s] below which a piston's friction fades, so that it does not switch."""
@@ -150,8 +157,9 @@ class LooseMotion:
 
 
 def _damping_ratio(restitution: float) -> float:
-    """Ratio of a damped spring that only pushes and returns `restitution` of a speed: exp(-2 x /
-    tan x), cos x.
+    """Return the damping ratio of a stop that returns `restitution` of a speed.
+
+    The stop is a damped spring that only pushes: it returns exp(-2 x / tan x), with ratio cos x.
     """
     if not 0 <= restitution <= 1:
         raise InputError(f"LooseSlipper.restitution ({restitution:g}) must lie in 0...1.")
@@ -159,9 +167,11 @@ def _damping_ratio(restitution: float) -> float:
         return 1.0
     if restitution == 1:
         return 0.0
-    return math.cos(
-        brentq(lambda x: 2 * x / math.tan(x) + math.log(restitution), 1e-6, math.pi / 2)
-    )
+
+    def excess(x: float) -> float:
+        return 2 * x / math.tan(x) + math.log(restitution)
+
+    return math.cos(brentq(excess, 1e-6, math.pi / 2))
 
 
 def _steps(condition: OperatingCondition, fault: LooseSlipper) -> int:
@@ -176,12 +186,17 @@ def _steps(condition: OperatingCondition, fault: LooseSlipper) -> int:
 def _tables(
     pump: Pump, condition: OperatingCondition, fault: LooseSlipper, angle: np.ndarray
 ) -> np.ndarray:
-    """What `_rattle` needs at every shaft angle of the loose piston."""
-    group, viscosity = pump.rotating_group, pump.oil.viscosity_at(condition.oil_temperature)
-    lift, speed = group.pitch_radius * math.tan(group.swash_angle), condition.speed
+    """Return the tables of `_rattle` over the shaft angles of the loose piston."""
+    group = pump.rotating_group
+    speed = condition.speed
+    viscosity = pump.oil.viscosity_at(condition.oil_temperature)
+    lift = group.pitch_radius * math.tan(group.swash_angle)
+
+    # The outlet line is that of tight joints, whose angle is that of piston 0.
     tight = chamber_pressures(LoadCase(pump, condition))
     turned = np.mod(angle - angle_ahead(pump, fault.slipper, "LooseSlipper.slipper"), 2 * math.pi)
     outlet = np.interp(turned, tight.angle, tight.discharge, period=2 * np.pi)
+
     guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
     leakage = (
         slipper_leakage(pump, group.slipper_film, viscosity)
@@ -189,12 +204,13 @@ def _tables(
         + piston_leakage(pump, viscosity) / guide * group.piston_clearance**3
     )
     orifice = pump.oil.discharge_coefficient * math.sqrt(2 / pump.oil.density)
-    openings = port_openings(pump, fault, angle)
+    suction, discharge = port_openings(pump, fault, angle)
     return np.stack(
         [
             group.dead_volume + group.piston_area * lift * (1 - np.cos(angle)),
             group.piston_area * lift * speed * np.sin(angle),
-            *(orifice * opening for opening in openings),
+            orifice * suction,
+            orifice * discharge,
             leakage,
             outlet,
             -lift * speed * np.sin(angle),
@@ -204,16 +220,26 @@ def _tables(
 
 
 def loose_motion(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> LooseMotion:
-    """Motion of the loose piston once it repeats; a `SwashTwinError` where it does not."""
+    """Return the motion of the loose piston once it repeats.
+
+    Raises
+    ------
+    SwashTwinError
+        It does not repeat.
+    """
     tables, tight = _tight(pump, condition, replace(fault, clearance=0.0))
-    loose, step = _march(pump, condition, tables, fault), condition.period / len(tight[0])
-    accelerations = [(np.roll(motion[1], -1) - motion[1]) / step for motion in (loose, tight)]
+    loose = _march(pump, condition, tables, fault)
+
+    n_steps = len(tight[0])
+    step = condition.period / n_steps
+    loose_acceleration = (np.roll(loose[1], -1) - loose[1]) / step
+    tight_acceleration = (np.roll(tight[1], -1) - tight[1]) / step
     return LooseMotion(
-        angle=_angles(len(tight[0])),
+        angle=_angles(n_steps),
         displacement=loose[0],
         velocity=loose[1],
         pressure=loose[2],
-        extra_acceleration=accelerations[0] - accelerations[1],
+        extra_acceleration=loose_acceleration - tight_acceleration,
         extra_pressure=loose[2] - tight[2],
     )
 
@@ -236,22 +262,25 @@ def _angles(steps: int) -> np.ndarray:
 def _march(
     pump: Pump, condition: OperatingCondition, tables: np.ndarray, fault: LooseSlipper
 ) -> np.ndarray:
-    """Displacement, velocity and pressure over the revolution that repeats."""
-    area, oil, mass, clearance = (
-        pump.rotating_group.piston_area,
-        pump.oil,
-        pump.masses.piston_slipper,
-        fault.clearance,
-    )
-    stop, step = mass * (math.pi / fault.pulse) ** 2, condition.period / tables.shape[1]
+    """Return displacement, velocity and pressure over the revolution that repeats."""
+    area = pump.rotating_group.piston_area
+    oil = pump.oil
+    mass = pump.masses.piston_slipper
+    clearance = fault.clearance
+    n_steps = tables.shape[1]
+    step = condition.period / n_steps
+
+    # A half period of mass and stop lasts a pulse.
+    stop = mass * (math.pi / fault.pulse) ** 2
     damper = 2 * _damping_ratio(fault.restitution) * math.sqrt(stop * mass)
-    motion = np.empty((3, tables.shape[1]))
+
     pressed = area * (condition.discharge_pressure - condition.case_pressure) / stop
     start = np.array([-pressed, 0.0, condition.discharge_pressure])
     scale = np.array(
         [pressed + clearance, (pressed + clearance) * condition.speed, condition.discharge_pressure]
     )
-    for _ in range(MOST_REVOLUTIONS):
+    motion = np.empty((3, n_steps))
+    for _ in range(MAX_REVOLUTIONS):
         end = _rattle(
             step, clearance, stop, damper, mass, area, FRICTION, oil.bulk_modulus,
             oil.air_fraction, condition.suction_pressure, condition.case_pressure, tables, start, *motion,
@@ -261,8 +290,9 @@ def _march(
             return motion
         start = np.array(end)
     raise SwashTwinError(
-        f"the loose slipper's motion does not repeat within {MOST_REVOLUTIONS} revolutions (it still changes by "
-        f"{change:.1e} of its play), so it has no order lines; lower LooseSlipper.restitution or clearance."
+        f"the loose slipper's motion does not repeat within {MAX_REVOLUTIONS} revolutions (it still "
+        f"changes by {change:.1e} of its play), so it has no order lines; lower "
+        "LooseSlipper.restitution or clearance."
     )
 
 
@@ -343,8 +373,7 @@ def loose_slipper_lines(
     n_lines: int,
     topology: str = "T1",
 ) -> Complex[np.ndarray, "line 13"]:
-    """Order lines 0...`n_lines` [N, N m] of what a loose slipper adds to the forces of a pump
-    without one.
+    """Return the order lines 0...`n_lines` [N, N m] that a loose slipper adds to a pump's forces.
 
     Parameters
     ----------
@@ -352,18 +381,24 @@ def loose_slipper_lines(
         slippers are rigid.
     """
     motion = loose_motion(pump, condition, fault)
-    group, steps = pump.rotating_group, len(motion.angle)
+    group = pump.rotating_group
+    steps = len(motion.angle)
     if n_lines < 1 or 2 * n_lines >= steps:
         raise InputError(f"n_lines ({n_lines}) must lie in 1...{steps // 2 - 1}.")
-    half = math.pi / steps
+
+    # An acceleration is the difference of two steps, and belongs to the angle between them.
+    half_step = math.pi / steps
     inertia = pump.masses.piston_slipper * motion.extra_acceleration
+    inertia_loads = _on_slipper(pump, inertia, motion.angle + half_step)
+    lines = _lines(inertia_loads, motion.angle[0] + half_step, n_lines)
+
     pressing = group.piston_area * motion.extra_pressure
-    lines = _lines(_on_slipper(pump, inertia, motion.angle + half), motion.angle[0] + half, n_lines)
-    pressed = generalized_forces(pump, pressing[None], motion.angle[None])
-    lines += _lines(pressed, motion.angle[0], n_lines)
-    lines *= np.exp(
-        1j * np.arange(n_lines + 1) * angle_ahead(pump, fault.slipper, "LooseSlipper.slipper")
-    )[:, None]
+    pressure_loads = generalized_forces(pump, pressing[None], motion.angle[None])
+    lines += _lines(pressure_loads, motion.angle[0], n_lines)
+
+    # From the loose piston's angle to that of piston 0.
+    ahead = angle_ahead(pump, fault.slipper, "LooseSlipper.slipper")
+    lines *= np.exp(1j * np.arange(n_lines + 1) * ahead)[:, None]
     if topology == "T2":
         lines[:, Dof.ROTOR_Z] += lines[:, Dof.RETAINER_Z]
         lines[:, Dof.RETAINER_Z] = 0
@@ -371,15 +406,15 @@ def loose_slipper_lines(
 
 
 def _on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Load of an axial `force` on one slipper toward the swash plate, with the side load it causes
-    in the bore.
+    """Return the loads of an axial `force` on one slipper toward the swash plate.
+
+    The slipper's side load in the bore is included.
     """
     group = pump.rotating_group
     slope = math.tan(group.swash_angle) ** 2
-    upward, sideward = (
-        group.pitch_radius * force * np.cos(angle),
-        group.pitch_radius * force * np.sin(angle),
-    )
+    upward = group.pitch_radius * force * np.cos(angle)
+    sideward = group.pitch_radius * force * np.sin(angle)
+
     loads = np.zeros((force.size, N_DOF))
     loads[:, Dof.SHELL_TILT_X] = -(1 + slope) * upward
     loads[:, Dof.SHELL_TILT_Y] = sideward
@@ -389,6 +424,8 @@ def _on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _lines(loads: np.ndarray, first: float, n_lines: int) -> np.ndarray:
-    lines, acts = np.zeros((n_lines + 1, N_DOF), dtype=complex), loads.any(axis=0)
+    """Return the order lines of loads over a revolution that begins at the angle `first` [rad]."""
+    lines = np.zeros((n_lines + 1, N_DOF), dtype=complex)
+    acts = loads.any(axis=0)
     lines[:, acts] = fourier_lines(loads.T[acts]).T[: n_lines + 1]
     return lines * np.exp(-1j * np.arange(n_lines + 1) * first)[:, None]

@@ -67,7 +67,7 @@ class Scales:
     """The same of all further ones, the axial one included."""
 
     def values(self) -> tuple[float, ...]:
-        """The factors in the order of the fields."""
+        """Return the factors in the order of the fields."""
         return tuple(getattr(self, item.name) for item in fields(self))
 
 
@@ -95,18 +95,19 @@ class SensorPath:
     """
 
     def __post_init__(self) -> None:
-        modes = len(self.frequency)
-        shares = [len(row) for row in self.residue]
-        if len(self.damping_ratio) != modes or (modes and shares != [modes] * len(self.gain)):
+        n_modes = len(self.frequency)
+        n_channels = len(self.gain)
+        residue_counts = [len(row) for row in self.residue]
+        has_residues = not n_modes or residue_counts == [n_modes] * n_channels
+        if len(self.damping_ratio) != n_modes or not has_residues:
             raise InputError(
-                f"a path of {modes} modes and {len(self.gain)} channels needs as many damping ratios and a residue for "
-                "each channel and mode."
+                f"a path of {n_modes} modes and {n_channels} channels needs as many damping ratios "
+                "and a residue for each channel and mode."
             )
-        if self.cross_talk and [len(row) for row in self.cross_talk] != [len(self.gain)] * len(
-            self.gain
-        ):
+
+        if self.cross_talk and [len(row) for row in self.cross_talk] != [n_channels] * n_channels:
             raise InputError(
-                f"cross_talk of a path of {len(self.gain)} channels needs a share for each pair of them."
+                f"cross_talk of a path of {n_channels} channels needs a share for each pair of them."
             )
         if any(value <= 0 for value in (*self.gain, *self.frequency, *self.damping_ratio)):
             raise InputError(
@@ -115,11 +116,11 @@ class SensorPath:
 
     @property
     def mixing(self) -> Float[Tensor, "channel channel"]:
-        """What each channel (row) reads of what rigid, ideal sensors would (columns)."""
+        """Share of each rigid, ideal sensor (column) in what each channel (row) reads."""
         unit = torch.eye(len(self.gain), dtype=torch.float64)
-        return (
-            unit + torch.tensor(self.cross_talk, dtype=torch.float64) if self.cross_talk else unit
-        )
+        if not self.cross_talk:
+            return unit
+        return unit + torch.tensor(self.cross_talk, dtype=torch.float64)
 
     def response(
         self, frequency: Float[Tensor, "*#batch line"]
@@ -211,31 +212,41 @@ def drive_of(
     path: SensorPath | None,
     n_lines: int,
 ) -> Drive:
-    """Drive of one twin up to order `n_lines`, float64."""
+    """Return the drive of one twin up to order `n_lines`, float64."""
     structure = assemble(pump, topology)
-    pressure = force_lines(LoadCase(pump, condition, fault), n_lines, topology=topology)
-    contact = contact_lines(fault, pump, condition, n_lines, topology)
-    pressure = pressure if contact is None else pressure + contact
-    motion = excitation_lines(pump, condition, fault, n_lines)
-    turns = bool(
-        turning_terms(fault, pump, torch.tensor(pump.interfaces.values(), dtype=torch.float64))
-    )
-    orders = np.arange(1, n_lines + 1) if turns else active_orders(pressure, motion)
-    lines = np.concatenate([[0], orders]) if turns else orders
-    action = fault_action(fault, pump, structure, topology, lines * condition.speed, motion[lines])
     if path is not None and path.cross_talk:
         structure = replace(structure, sensor_rows=path.mixing @ structure.sensor_rows)
+
+    pressure = force_lines(LoadCase(pump, condition, fault), n_lines, topology=topology)
+    contact = contact_lines(fault, pump, condition, n_lines, topology)
+    if contact is not None:
+        pressure = pressure + contact
+    motion = excitation_lines(pump, condition, fault, n_lines)
+
+    # Parts that turn with the shaft couple the orders: then all are needed, with the mean.
+    nominal_values = torch.tensor(pump.interfaces.values(), dtype=torch.float64)
+    turns = bool(turning_terms(fault, pump, nominal_values))
+    if turns:
+        orders = np.arange(1, n_lines + 1)
+        lines = np.concatenate([[0], orders])
+    else:
+        orders = active_orders(pressure, motion)
+        lines = orders
+
+    frequency = lines * condition.speed
+    action = fault_action(fault, pump, structure, topology, frequency, motion[lines])
+    response = None
+    if path is not None:
+        response = path.response(torch.as_tensor(orders * condition.shaft_frequency))[None]
     return Drive(
         structure=structure,
         orders=orders,
-        frequency=torch.as_tensor(lines * condition.speed)[None],
+        frequency=torch.as_tensor(frequency)[None],
         pressure=torch.as_tensor(pressure[lines])[None],
         action=action.mapped(lambda part: part[None]),
         wear=torch.as_tensor(wear_factors(pump, fault))[None],
         turning=partial(turning_terms, fault, pump) if turns else None,
-        path=None
-        if path is None
-        else path.response(torch.as_tensor(orders * condition.shaft_frequency))[None],
+        path=response,
     )
 
 
@@ -247,21 +258,22 @@ def respond(
     *,
     recompute: bool = False,
 ) -> Complex[Tensor, "row sensor read"]:
-    """Lines of acceleration [m/s^2] at the drive's orders, read by each sensor.
+    """Return the lines of acceleration [m/s^2] at the drive's orders, read by each sensor.
 
     Parameters
     ----------
     drive : on the device and in the precision of `values`.
-    recompute : keep nothing for the gradient but compute it again; always so where there are
-        several chunks.
+    recompute : keep nothing for the gradient but compute it again; always so if there are several
+        chunks.
     """
-    most = rows_of(drive.orders.size)
-    recompute = (recompute or len(values) > most) and torch.is_grad_enabled()
+    chunk_rows = rows_of(drive.orders.size)
+    recompute = (recompute or len(values) > chunk_rows) and torch.is_grad_enabled()
+
     parts = []
-    for start in range(0, len(values), most):
-        part = slice(start, start + most)
-        driven = drive if len(drive.wear) == 1 else drive.mapped(itemgetter(part))
-        arguments = (driven, values[part], scales[part], solver)
+    for start in range(0, len(values), chunk_rows):
+        rows = slice(start, start + chunk_rows)
+        chunk_drive = drive if len(drive.wear) == 1 else drive.mapped(itemgetter(rows))
+        arguments = (chunk_drive, values[rows], scales[rows], solver)
         if recompute:
             parts.append(
                 checkpoint(_chunk, *arguments, use_reentrant=False, preserve_rng_state=False)
@@ -272,34 +284,35 @@ def respond(
 
 
 def rows_of(n_lines: int) -> int:
-    """How many rows of so many lines make a chunk."""
+    """Return the number of rows of `n_lines` lines in a chunk."""
     return max(1, WORKSPACE // (n_lines * _LINE_BYTES))
 
 
 def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -> Tensor:
-    structure, frequency = (
-        drive.structure,
-        drive.frequency if len(drive.wear) > 1 else drive.frequency[0],
-    )
+    structure = drive.structure
+    frequency = drive.frequency if len(drive.wear) > 1 else drive.frequency[0]
     mount, bearing, excitation, sensor, *_ = scales.unbind(-1)
-    worn, force = values * drive.wear, drive.pressure
+
+    worn = values * drive.wear
+    force = drive.pressure
     if drive.action.strains or drive.action.pushes:
         force = force + drive.action.forces(worn, structure.slipper_vector, excitation)
-    stiffness, damping = (
-        structure.stiffness(worn, mount, bearing, scales[..., SUPPORTS]),
-        structure.damping(worn),
-    )
     force = force.expand(len(values), -1, -1)
+    stiffness = structure.stiffness(worn, mount, bearing, scales[..., SUPPORTS])
+    damping = structure.damping(worn)
+
     if drive.turning is None:
         motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)
     else:
-        terms, speed = drive.turning(worn), float(frequency[1])
+        terms = drive.turning(worn)
+        speed = float(frequency[1])
         motion = periodic_steady_state(
             solver, structure.mass, damping, stiffness, speed, force, terms
         )[:, 1:]
         frequency = frequency[1:]
-    read = read_sensors(structure, frequency, motion, sensor)
-    return read if drive.path is None else read * drive.path
+
+    acceleration = read_sensors(structure, frequency, motion, sensor)
+    return acceleration if drive.path is None else acceleration * drive.path
 
 
 def read_sensors(
@@ -323,16 +336,23 @@ def read_sensors(
 def require_positive(
     values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 11"]
 ) -> None:
-    """Refuse interface values and scales that are not positive with an `InputError` that names
-    one.
+    """Refuse interface values and scales that are not positive.
+
+    Raises
+    ------
+    InputError
+        It names the first one.
     """
-    names = (*PARAMETERS, *(f"scales.{item.name}" for item in fields(Scales)))
-    for tensor, words in ((values, names[: len(PARAMETERS)]), (scales, names[len(PARAMETERS) :])):
-        if tensor.is_meta or bool(((tensor.detach() > 0) & torch.isfinite(tensor.detach())).all()):
+    scale_names = tuple(f"scales.{item.name}" for item in fields(Scales))
+    for tensor, names in ((values, PARAMETERS), (scales, scale_names)):
+        numbers = tensor.detach()
+        if tensor.is_meta or bool(((numbers > 0) & torch.isfinite(numbers)).all()):
             continue
-        row = tensor.detach().reshape(-1, len(words))
-        wrong = ~((row > 0) & torch.isfinite(row))
-        row, at = row[wrong.any(dim=1)][0], int(wrong[wrong.any(dim=1)][0].nonzero()[0])
+
+        rows = numbers.reshape(-1, len(names))
+        is_wrong = ~((rows > 0) & torch.isfinite(rows))
+        row, column = (int(index) for index in is_wrong.nonzero()[0])
         raise InputError(
-            f"{words[at]} ({float(row[at]):g}) must be positive and finite; bounds or logarithms keep it so."
+            f"{names[column]} ({float(rows[row, column]):g}) must be positive and finite; "
+            "bounds or logarithms keep it so."
         )

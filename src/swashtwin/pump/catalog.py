@@ -51,50 +51,61 @@ def _require_names(table: dict[str, Any], names: tuple[str, ...], where: str) ->
 
 
 def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
+    """Return a part of a pump from its table, and add the sources of its numbers."""
     if not isinstance(table, dict):
-        raise DataError(f"[{path}] is missing or no table.")
-    parts = {item.name: item for item in fields(kind)}
-    _require_names(table, tuple(parts), f"[{path}]")
+        raise DataError(f"[{path}] is missing or not a table.")
+
+    part_fields = {part_field.name: part_field for part_field in fields(kind)}
+    _require_names(table, tuple(part_fields), f"[{path}]")
     values: dict[str, Any] = {}
-    for name, item in parts.items():
-        if is_dataclass(item.type):
-            values[name] = _section(item.type, table.get(name), f"{path}.{name}", sources)  # type: ignore[arg-type]
-        elif name not in table:
-            raise DataError(f"[{path}] lacks {name} (unit {item.metadata['unit']}).")
-        else:
-            values[name] = _quantity(
-                table[name], item.metadata["unit"], f"{path}.{name}", item.type, sources
-            )
-            signed = (kind, name) == (Bearings, "positions") or kind is Positions
-            for number in values[name] if isinstance(values[name], tuple) else (values[name],):
-                if not signed and (number < 0 or (number == 0 and name not in MAY_BE_ZERO)):
-                    raise InputError(
-                        f"{path}.{name} ({number:g} {item.metadata['unit']}) must be positive."
-                    )
+    for name, part_field in part_fields.items():
+        field_path = f"{path}.{name}"
+        if is_dataclass(part_field.type):
+            values[name] = _section(part_field.type, table.get(name), field_path, sources)  # type: ignore[arg-type]
+            continue
+
+        unit = part_field.metadata["unit"]
+        if name not in table:
+            raise DataError(f"[{path}] lacks {name} (unit {unit}).")
+        values[name] = _quantity(table[name], unit, field_path, part_field.type, sources)
+        is_position = (kind, name) == (Bearings, "positions") or kind is Positions
+        if not is_position:
+            _require_positive(values[name], name, field_path, unit)
     return kind(**values)
 
 
+def _require_positive(value: Any, name: str, path: str, unit: str) -> None:
+    """Refuse a number, or one of a list, that is negative, or zero and must not be."""
+    for number in value if isinstance(value, tuple) else (value,):
+        if number < 0 or (number == 0 and name not in MAY_BE_ZERO):
+            raise InputError(f"{path} ({number:g} {unit}) must be positive.")
+
+
 def _quantity(entry: Any, unit: str, path: str, kind: Any, sources: dict[str, str]) -> Any:
+    """Return the number, or list of numbers, of an entry, and add its source."""
     if not isinstance(entry, dict) or "value" not in entry:
         name = path.split(".")[-1]
         raise UnitError(
-            f'{path} = {entry!r} is a bare value; write {name} = {{ value = "... {unit}", source = "..." }}.'
+            f"{path} = {entry!r} is a bare value; "
+            f'write {name} = {{ value = "... {unit}", source = "..." }}.'
         )
     if not str(entry.get("source", "")).strip():
         raise DataError(
             f'{path} has no source; add source = "..." so that others can judge the number.'
         )
     sources[path] = str(entry["source"])
+
     value = entry["value"]
-    if isinstance(value, list) != (kind not in (int, float)):
-        wanted = (
-            "one quantity" if isinstance(value, list) else 'a list of quantities, ["...", "..."]'
-        )
-        raise DataError(f"{path} = {value!r} must be {wanted}.")
-    if isinstance(value, list):
+    is_list = isinstance(value, list)
+    if is_list and kind in (int, float):
+        raise DataError(f"{path} = {value!r} must be one quantity.")
+    if not is_list and kind not in (int, float):
+        raise DataError(f'{path} = {value!r} must be a list of quantities, ["...", "..."].')
+    if is_list:
         return tuple(
             parse_quantity(text, unit, name=f"{path}[{i}]") for i, text in enumerate(value)
         )
+
     number = parse_quantity(value, unit, name=path)
     if kind is int and number != int(number):
         raise InputError(f"{path} ({number:g}) must be a whole number.")
@@ -102,37 +113,39 @@ def _quantity(entry: Any, unit: str, path: str, kind: Any, sources: dict[str, st
 
 
 def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
-    if (
-        not isinstance(tables, list)
-        or not tables
-        or not all(isinstance(table, dict) for table in tables)
-    ):
+    is_list = isinstance(tables, list) and all(isinstance(table, dict) for table in tables)
+    if not tables or not is_list:
         raise DataError(
             "the pump has no [[sensors]]; give at least one with name, position and direction."
         )
+
     sensors: list[Sensor] = []
-    for i, table in enumerate(tables):
-        path = f"sensors[{i}]"
-        if missing := [key for key in ("name", "position", "direction") if key not in table]:
-            raise DataError(f"{path} lacks {missing[0]}.")
-        position = _quantity(table["position"], "m", f"{path}.position", tuple, sources)
-        direction = table["direction"]
-        if not all(
-            isinstance(three, (tuple, list)) and len(three) == 3 for three in (position, direction)
-        ):
-            raise DataError(f"{path}: position and direction must be lists of three components.")
-        if not all(isinstance(component, (int, float)) for component in direction):
-            raise DataError(
-                f"{path}.direction = {direction!r} must be bare numbers: it has no unit."
-            )
-        norm = math.hypot(*direction)
-        if not (math.isfinite(norm) and norm > 0):
-            raise DataError(f"{path}.direction = {direction!r} has no length that can be made 1.")
-        if any(table["name"] == other.name for other in sensors):
-            raise DataError(f"{path}: another sensor is named {table['name']!r} already.")
-        x, y, z = (component / norm for component in direction)
-        sensors.append(Sensor(str(table["name"]), position, (x, y, z)))
+    for number, table in enumerate(tables):
+        sensor = _sensor(table, f"sensors[{number}]", sources)
+        if any(sensor.name == other.name for other in sensors):
+            raise DataError(f"sensors[{number}]: another sensor is named {sensor.name!r} already.")
+        sensors.append(sensor)
     return tuple(sensors)
+
+
+def _sensor(table: dict[str, Any], path: str, sources: dict[str, str]) -> Sensor:
+    for key in ("name", "position", "direction"):
+        if key not in table:
+            raise DataError(f"{path} lacks {key}.")
+
+    position = _quantity(table["position"], "m", f"{path}.position", tuple, sources)
+    direction = table["direction"]
+    for vector in (position, direction):
+        if not isinstance(vector, (tuple, list)) or len(vector) != 3:
+            raise DataError(f"{path}: position and direction must be lists of three components.")
+    if not all(isinstance(component, (int, float)) for component in direction):
+        raise DataError(f"{path}.direction = {direction!r} must be bare numbers: it has no unit.")
+
+    length = math.hypot(*direction)
+    if not (math.isfinite(length) and length > 0):
+        raise DataError(f"{path}.direction = {direction!r} has no length that can be made 1.")
+    x, y, z = (component / length for component in direction)
+    return Sensor(str(table["name"]), position, (x, y, z))
 
 
 def available_pumps() -> tuple[str, ...]:

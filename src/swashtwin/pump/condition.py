@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -43,24 +43,23 @@ class OperatingCondition:
     """Oil temperature [K]; `units.celsius` converts."""
 
     def __post_init__(self) -> None:
-        for name in (
-            "speed",
-            "discharge_pressure",
-            "suction_pressure",
-            "case_pressure",
-            "oil_temperature",
-        ):
+        for field_info in fields(self):
+            name = field_info.name
             value = getattr(self, name)
             if not isinstance(value, (int, float, np.number)):
                 raise InputError(
-                    f"{name} ({value!r}) must be a number in SI units, such as rpm(1500) or MPa(15)."
+                    f"{name} ({value!r}) must be a number in SI units, "
+                    "such as rpm(1500) or MPa(15)."
                 )
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{name} ({value:g}) must be a positive number.")
+
+        # Beyond these limits a unit was mistaken: the messages name the likely slip.
         if self.speed > 8000 * math.pi / 30:
             raise InputError(
-                f"speed ({self.speed:g} rad/s, {self.speed * 30 / math.pi:.0f} rev/min) is above 8000 rev/min, which "
-                "no industrial axial piston pump reaches. Speeds are in rad/s: 860 rev/min is rpm(860)."
+                f"speed ({self.speed:g} rad/s, {self.speed * 30 / math.pi:.0f} rev/min) is above "
+                "8000 rev/min, which no industrial axial piston pump reaches. "
+                "Speeds are in rad/s: 860 rev/min is rpm(860)."
             )
         if self.discharge_pressure <= self.suction_pressure:
             raise InputError(
@@ -69,8 +68,8 @@ class OperatingCondition:
             )
         if self.discharge_pressure > 2e8:
             raise InputError(
-                f"discharge_pressure ({self.discharge_pressure:g} Pa) is above any axial piston pump's (200 MPa). "
-                "Pressures are in Pa: 15 MPa is MPa(15)."
+                f"discharge_pressure ({self.discharge_pressure:g} Pa) is above any axial piston "
+                "pump's (200 MPa). Pressures are in Pa: 15 MPa is MPa(15)."
             )
         if not 233.15 <= self.oil_temperature <= 423.15:
             raise InputError(
@@ -111,7 +110,7 @@ class OperatingCondition:
         )
 
     def replace(self, **changes: float) -> "OperatingCondition":
-        """The same condition with some values changed."""
+        """Return the same operating point with some values changed."""
         return replace(self, **changes)
 
 
@@ -122,43 +121,41 @@ def read_condition(
     oil_temperature: str | None = None,
     suction_pressure: str | None = None,
 ) -> OperatingCondition:
-    """Operating condition of quantities with units; what is not said stays at the default.
+    """Return the operating point of quantities with units; others keep their defaults.
 
     Raises
     ------
     UnitError
         A number without a unit, or with one of another dimension; a speed in hertz.
     InputError
-        No pump runs so.
+        No pump runs at such a point.
 
     Examples
     --------
     >>> round(read_condition(speed="860 rpm", discharge_pressure="15 MPa").shaft_frequency, 6)
     14.333333
     """
-    stated = {
+    quantities = {
         "speed": (speed, "rad/s"),
         "discharge_pressure": (discharge_pressure, "Pa"),
         "oil_temperature": (oil_temperature, "K"),
         "suction_pressure": (suction_pressure, "Pa"),
     }
-    return OperatingCondition(
-        **{
-            name: parse_quantity(text, unit, name=name)
-            for name, (text, unit) in stated.items()
-            if text is not None
-        }
-    )
+    values = {
+        name: parse_quantity(text, unit, name=name)
+        for name, (text, unit) in quantities.items()
+        if text is not None
+    }
+    return OperatingCondition(**values)
 
 
 def values_match(
     a: float | Float[np.ndarray, " n"], b: float | Float[np.ndarray, " n"], tolerance: float
 ) -> np.bool_ | Bool[np.ndarray, " n"]:
-    """Whether two speeds, or two pressures, differ by at most `tolerance` of the larger; NaN
-    matches NaN only.
+    """Return whether two speeds, or two pressures, differ by at most `tolerance` of the larger.
 
-    `OperatingCondition.matches` in terms of single values, for callers that hold a part of a
-    condition.
+    NaN matches only NaN. This is `OperatingCondition.matches` for single values, for callers that
+    have a part of an operating point.
     """
     are_close = np.abs(np.subtract(a, b)) <= tolerance * np.maximum(np.abs(a), np.abs(b))
     return are_close | (np.isnan(a) & np.isnan(b))
@@ -167,12 +164,11 @@ def values_match(
 def merge_close_values(
     values: Float[np.ndarray, " n"], tolerance: float
 ) -> Float[np.ndarray, " n"]:
-    """Speeds or pressures with one level per operating point: each is replaced by the mean of its
-    run of close values.
+    """Return speeds or pressures with close values replaced by their mean.
 
-    A run starts at the lowest value that is in no other run, and holds every value that matches it
-    within `tolerance` of the larger. So any two values of a run match, and each matches the level;
-    NaN stays NaN.
+    A run of close values starts at the lowest value that is in no other run, and holds every value
+    that matches it within `tolerance` of the larger. So any two values of a run match, and each
+    matches the mean; NaN stays NaN.
 
     Examples
     --------
@@ -181,18 +177,23 @@ def merge_close_values(
     >>> merge_close_values(np.array([10e6, 10.5e6, 11e6, 11.5e6]), 0.06).tolist()
     [10250000.0, 10250000.0, 11250000.0, 11250000.0]
     """
-    levels = np.full(values.shape, np.nan)
-    stated = ~np.isnan(values)
-    if stated.any():
-        distinct, index = np.unique(values[stated], return_inverse=True)
-        sizes: list[int] = []
-        while (start := sum(sizes)) < distinct.size:
-            sizes.append(
-                max(1, int(np.sum(values_match(distinct[start:], distinct[start], tolerance))))
-            )
-        run = np.repeat(np.arange(len(sizes)), sizes)
-        levels[stated] = (np.bincount(run, weights=distinct) / np.bincount(run))[run][index]
-    return levels
+    merged = np.full(values.shape, np.nan)
+    is_known = ~np.isnan(values)
+    if not is_known.any():
+        return merged
+
+    distinct, index = np.unique(values[is_known], return_inverse=True)
+    run_lengths: list[int] = []
+    start = 0
+    while start < distinct.size:
+        matching = values_match(distinct[start:], distinct[start], tolerance)
+        run_lengths.append(max(1, int(np.sum(matching))))
+        start += run_lengths[-1]
+
+    run = np.repeat(np.arange(len(run_lengths)), run_lengths)
+    run_means = np.bincount(run, weights=distinct) / np.bincount(run)
+    merged[is_known] = run_means[run][index]
+    return merged
 
 
 def group_by_condition(

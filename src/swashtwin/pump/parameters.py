@@ -92,7 +92,7 @@ class RotatingGroup:
         if not 1e-8 <= self.displacement <= 5e-3:
             raise InputError(
                 f"rotating_group: piston_diameter, pitch_radius and swash_angle give {self.displacement * 1e6:.4g} mL "
-                "per revolution, outside 0.01...5000 mL; look for a slip of the unit."
+                "per revolution, outside 0.01...5000 mL; check its unit."
             )
 
     @property
@@ -347,20 +347,20 @@ _TRADE = {
     "m": ("mm", 1e-3), "m^3": ("cm^3", 1e-6), "rad": ("deg", math.pi / 180), "rad/s": ("rpm", math.pi / 30),
     "Pa": ("MPa", 1e6), "m^3/s": ("L/min", 1e-3 / 60),
 }  # fmt: skip
-_THINNEST = 1e-4
-"""Length [m] below which a gap is written in um."""
+_MAX_GAP_M = 1e-4
+"""Shorter lengths are gaps, and written in um."""
 _DIGITS = 6
+_EXACT_DIGITS = 12
 _EXACT = (
     "rotating_group.piston_diameter",
     "rotating_group.pitch_radius",
     "rotating_group.swash_angle",
 )
-"""What sets the displacement, which is that of the nameplate to all digits."""
+"""Numbers that set the displacement, which must equal the nameplate's to all digits."""
 
 
 def format_quantity(value: float, unit: str, digits: int = _DIGITS) -> str:
-    """A number in SI as people of the trade write it, with its unit: millimeters, degrees, MPa,
-    rpm, cm^3.
+    """Return a number in SI units as people of the trade write it, in mm, deg, MPa, rpm, cm^3.
 
     Examples
     --------
@@ -369,69 +369,75 @@ def format_quantity(value: float, unit: str, digits: int = _DIGITS) -> str:
     """
     if unit == "K":
         return f"{value - 273.15:.{digits}g} degC"
-    if unit == "m" and 0 < abs(value) < _THINNEST:
+    if unit == "m" and 0 < abs(value) < _MAX_GAP_M:
         return f"{value * 1e6:.{digits}g} um"
+
     name, factor = _TRADE.get(unit, (unit, 1.0))
-    return f"{value / factor:.{digits}g}{'' if name == '1' else f' {name}'}"
+    number = f"{value / factor:.{digits}g}"
+    return number if name == "1" else f"{number} {name}"
 
 
 def pump_numbers(pump: Pump) -> list[tuple[str, Any, str]]:
-    """(path, value in SI units, SI unit) of every number of a pump, or list of numbers, in the
-    order of its parts.
+    """Return (path, value in SI units, SI unit) of every number of a pump, or list of numbers.
 
-    A path is of sections and name, such as ``interfaces.block_valve.damping`` or
-    ``sensors[0].position``.
+    They have the order of the pump's parts. A path is of sections and name, such as
+    ``interfaces.block_valve.damping`` or ``sensors[0].position``.
     """
-    numbers = []
+    numbers: list[tuple[str, Any, str]] = []
 
-    def note(path: str, value: Any, unit: str) -> Any:
+    def collect(path: str, value: Any, unit: str) -> Any:
         numbers.append((path, value, unit))
         return value
 
-    map_numbers(pump, note)
+    map_numbers(pump, collect)
     return numbers
 
 
 def replace_number(pump: Pump, path: str, value: Any) -> Pump:
-    """The pump with another value of the number at `path`.
+    """Return the pump with another value of the number at `path`.
 
     Raises
     ------
     InputError
-        The part cannot be so.
+        No such pump can be built.
     """
-    changed: Pump = map_numbers(pump, lambda at, before, unit: value if at == path else before)
+
+    def change(number_path: str, number: Any, unit: str) -> Any:
+        return value if number_path == path else number
+
+    changed: Pump = map_numbers(pump, change)
     return changed
 
 
 def map_numbers(part: Any, change: Callable[[str, Any, str], Any], path: str = "") -> Any:
-    """The pump, or a part of it, with what `change` gives for the path, the value and the unit of
-    each number.
+    """Return the pump, or a part of it, with each number replaced by the result of `change`.
+
+    Parameters
+    ----------
+    change : called with path, value and unit of each number.
+    path : of the part.
     """
     changes: dict[str, Any] = {}
-    for item in fields(part):
-        value, at = getattr(part, item.name), f"{path}.{item.name}".removeprefix(".")
-        if "unit" in item.metadata:
-            changes[item.name] = change(at, value, item.metadata["unit"])
+    for part_field in fields(part):
+        name = part_field.name
+        value = getattr(part, name)
+        field_path = f"{path}.{name}".removeprefix(".")
+        if "unit" in part_field.metadata:
+            changes[name] = change(field_path, value, part_field.metadata["unit"])
         elif is_dataclass(value):
-            changes[item.name] = map_numbers(value, change, at)
-        elif item.name == "sensors":
-            changes[item.name] = tuple(
-                map_numbers(sensor, change, f"{at}[{number}]")
+            changes[name] = map_numbers(value, change, field_path)
+        elif name == "sensors":
+            changes[name] = tuple(
+                map_numbers(sensor, change, f"{field_path}[{number}]")
                 for number, sensor in enumerate(value)
             )
     return replace(part, **changes)
 
 
 def pump_text(pump: Pump, comment: str) -> str:
-    """Text of the file that `load_pump` reads as this pump, each number with its unit and its
-    source.
-    """
-    lines = [
-        *(f"# {line}" for line in comment.splitlines()),
-        "format = 1",
-        f"name = {json.dumps(pump.name)}",
-    ]
+    """Return the text of a pump file that `load_pump` reads as this pump, with all sources."""
+    lines = [f"# {line}" for line in comment.splitlines()]
+    lines += ["format = 1", f"name = {json.dumps(pump.name)}"]
     table = ""
     for path, value, unit in pump_numbers(pump):
         section, _, name = path.rpartition(".")
@@ -442,12 +448,12 @@ def pump_text(pump: Pump, comment: str) -> str:
         elif section != table:
             table = section
             lines += ["", f"[{section}]"]
-        digits = 12 if path in _EXACT else _DIGITS
-        numbers = [
-            format_quantity(number, unit, digits)
-            for number in (value if isinstance(value, tuple) else (value,))
-        ]
-        quantity = json.dumps(numbers if isinstance(value, tuple) else numbers[0])
+
+        digits = _EXACT_DIGITS if path in _EXACT else _DIGITS
+        if isinstance(value, tuple):
+            quantity = json.dumps([format_quantity(number, unit, digits) for number in value])
+        else:
+            quantity = json.dumps(format_quantity(value, unit, digits))
         source = json.dumps(pump.sources.get(path, "no source"), ensure_ascii=False)
         lines.append(f"{name} = {{ value = {quantity}, source = {source} }}")
     return "\n".join(lines) + "\n"

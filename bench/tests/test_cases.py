@@ -17,7 +17,7 @@ from tiny_case import TINY, tiny
 from swashtwin.foundation import ArtifactError, InputError
 from swashtwin.pump import PistonWear
 from swashtwin.recordings import Recording
-from swashtwin_bench import StudyResult, Work, plan_of, run_plan, write_study_report
+from swashtwin_bench import StudyResult, Work, build_plan, run_plan, write_study_report
 from swashtwin_bench.fillers.interpolation import SMOTE
 from swashtwin_bench.results.page import differences_table, scores_table
 from swashtwin_bench.results.runs import load_run
@@ -25,7 +25,7 @@ from swashtwin_bench.rivals.models import DEFAULT
 from swashtwin_bench.studies import runner
 from swashtwin_bench.studies.dataset import calibration_tasks
 from swashtwin_bench.studies.perturbations import Perturbation
-from swashtwin_bench.studies.runner import fleets, study_of
+from swashtwin_bench.studies.runner import build_study, fleets
 from swashtwin_bench.studies.scenario import MACHINED, split_scenario
 from swashtwin_bench.studies.training_sets import TrainingSet
 
@@ -132,7 +132,7 @@ def test_another_setting_is_another_task(
 
 def test_a_key_holds_everything_that_twins_are_made_of() -> None:
     def keys(study: str, **changes: Any) -> dict[str, str]:
-        plan = plan_of(study, "paper")
+        plan = build_plan(study, "paper")
         plan = replace(plan, scenario=replace(plan.scenario, **changes))
         return {"-".join(task.factors.values()): task.key for task in plan.tasks(0, "data")}
 
@@ -207,7 +207,7 @@ def test_a_row_of_fewer_seeds_than_the_study_says_so_and_each_command_is_named(
     runs = [
         {**each, "command": f"swashtwin bench study case1 --seeds {each['seed']}"} for each in few
     ]
-    study = study_of(plan_of("case1"), runs)
+    study = build_study(build_plan("case1"), runs)
     counted = {row[0].text.split(", ")[-1]: row[1].text for row in scores_table(study).rows}
     assert (counted["measured only"], counted["with calibrated twin"]) == ("1", "2")
     assert {row[4].text for row in differences_table(study).rows} == {"1", "2"}
@@ -226,7 +226,9 @@ def test_each_variant_of_a_study_has_a_split_and_rows_stand_in_the_order_of_the_
         for each in STUBS
         for value in ("2", "1")
     ]  # fmt: skip
-    study = study_of(replace(plan_of("case1"), varied="pumps", variants={"1": {}, "2": {}}), runs)
+    study = build_study(
+        replace(build_plan("case1"), varied="pumps", variants={"1": {}, "2": {}}), runs
+    )
     table = study.to_dict()
     assert set(table["splits"]) == set(table["fingerprints"]) == {"0, 1", "0, 2", "1, 1", "1, 2"}
     assert table["splits"]["0, 2"]["train"] == ["2"]
@@ -246,7 +248,7 @@ def test_a_page_has_a_figure_for_what_its_study_varies(tmp_path: Path) -> None:
         for each in plain
     ]
     for name, runs, figure in (("noise", noisy, "perturbation"), ("algorithms", plain, "tsne")):
-        study = study_of(plan_of(name), [{**each, "study": name} for each in runs])
+        study = build_study(build_plan(name), [{**each, "study": name} for each in runs])
         page = write_study_report(study, folder=tmp_path / name).read_text(encoding="utf-8")
         assert "accuracy 0.910" in page or name != "noise"
         assert "--seeds 0,1; seeds 0, 1; cpu; virtual rig" in re.sub(r"<[^>]+>", "", page)
@@ -267,7 +269,7 @@ def answer(accuracies: Mapping[str, Mapping[str, tuple[float, ...]]], **changes:
             for seed, value in enumerate(values):
                 one = run(name, seed, 0.5, classifier, ("L2",), **changes)
                 runs.append({**one, "rows": [{**one["rows"][0], "accuracy": value}]})
-    (sentence,) = study_of(plan_of("case1"), runs).answer
+    (sentence,) = build_study(build_plan("case1"), runs).answer
     return sentence
 
 
@@ -314,7 +316,7 @@ def test_rows_of_no_synthetic_window_are_compared_with_those_of_every_number() -
             ("nominal", "72"),
         )
     ]
-    pairs = study_of(plan_of("augmentation"), runs).differences()
+    pairs = build_study(build_plan("augmentation"), runs).differences()
     assert {(p.first["synthetic"], p.second["training_set"], p.second["synthetic"]) for p in pairs} == {
         ("72", "measured", "0"), ("200", "measured", "0"), ("72", "nominal", "72"),
     }  # fmt: skip

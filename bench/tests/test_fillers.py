@@ -14,7 +14,7 @@ from swashtwin.foundation import DataError, InputError, MPa, random_stream, rpm
 from swashtwin.learning import WindowSet
 from swashtwin_bench import FILLERS
 from swashtwin_bench.fillers.duplicates import Duplicate
-from swashtwin_bench.fillers.filler import Filler, in_cell, sources_of
+from swashtwin_bench.fillers.filler import Filler, find_sources, in_cell
 from swashtwin_bench.fillers.generative import CVAE, WGANGP
 from swashtwin_bench.fillers.interpolation import ADASYN, SMOTE, NoNeighborsError
 from swashtwin_bench.fillers.spectra import (
@@ -159,10 +159,10 @@ def test_what_a_filler_cannot_make_is_refused(name: str) -> None:
 def test_a_cell_s_own_windows_are_drawn_from_and_where_there_are_none_those_of_its_class() -> None:
     train = measured()
     np.testing.assert_array_equal(
-        train.discharge_pressure[sources_of(train, "piston", MPa(15.3))], MPa(15)
+        train.discharge_pressure[find_sources(train, "piston", MPa(15.3))], MPa(15)
     )
     np.testing.assert_array_equal(
-        train.discharge_pressure[sources_of(train, "normal", MPa(5))],
+        train.discharge_pressure[find_sources(train, "normal", MPa(5))],
         [MPa(10)] * 12 + [MPa(15)] * 12,
     )
     assert in_cell(train, "piston", MPa(15)).sum() == 8

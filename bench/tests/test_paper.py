@@ -20,14 +20,14 @@ from swashtwin.recordings import Recording
 from swashtwin_bench import EXPERIMENTS, Work, run_paper, write_paper_page
 from swashtwin_bench.paper import experiments, identification
 from swashtwin_bench.paper.experiments import convergence_sentence
-from swashtwin_bench.paper.identification import CHOSEN, NOMINAL
+from swashtwin_bench.paper.identification import BEST_CANDIDATE, NOMINAL
 from swashtwin_bench.questions.calibration import Contender
-from swashtwin_bench.results.reported import paper_words
+from swashtwin_bench.results.reported import format_reported
 from swashtwin_bench.results.result import StudyResult
 from swashtwin_bench.results.table import StudyTable
 from swashtwin_bench.rivals.models import Model, train_model
 from swashtwin_bench.studies import plans
-from swashtwin_bench.studies.dataset import deal_windows, prepare
+from swashtwin_bench.studies.dataset import deal_windows, prepare_dataset
 
 pytestmark = pytest.mark.nightly
 
@@ -80,7 +80,7 @@ def tiny_paper(recordings: list[Recording]) -> Iterator[pytest.MonkeyPatch]:
         searches: Mapping[str, Contender | None] = {
             NOMINAL: None,
             "ipinn_0.9": Contender(IPINN(learning_rate=0.9, epochs=2)),
-            CHOSEN: Contender(IPINN(epochs=3)),
+            BEST_CANDIDATE: Contender(IPINN(epochs=3)),
             "gauss_newton_housing": Contender(GaussNewton(starts=1)),
         }
         patch.setattr(identification, "methods", lambda size: searches)
@@ -208,9 +208,9 @@ def test_a_search_that_fails_is_a_row_with_its_reason(
 
     monkeypatch.setattr(identification, "calibrate", failing)
     study = identification.run_identification(Work((3,)), "quick", lambda seed: recordings)
-    assert not np.isfinite(study.values("rmse", twin=CHOSEN)).any()
+    assert not np.isfinite(study.values("rmse", twin=BEST_CANDIDATE)).any()
     assert np.isfinite(study.values("rmse", twin=NOMINAL)).all()
-    assert f"{CHOSEN}: the loss is nan in epoch 2; lower learning_rate." in study.notes
+    assert f"{BEST_CANDIDATE}: the loss is nan in epoch 2; lower learning_rate." in study.notes
     assert "every search failed" in str(identification.values_table(study))
 
 
@@ -234,7 +234,7 @@ def test_a_training_set_has_as_many_windows_of_each_class_as_the_plan_says(
     recordings: list[Recording],
 ) -> None:
     scenario = replace(TINY, windows=5, class_windows=17)
-    dataset = prepare(recordings, scenario, 0, [])
+    dataset = prepare_dataset(recordings, scenario, 0, [])
     counts = dataset.measured.counts()
     by_class = {
         name: sum(n for (label, _), n in counts.items() if label == name)
@@ -244,7 +244,7 @@ def test_a_training_set_has_as_many_windows_of_each_class_as_the_plan_says(
     assert set(by_class.values()) == {17}
     assert counts["swash_plate", scenario.pressure] == scenario.scarce_windows
     with pytest.raises(DataError, match=r"500 training windows of \w+ are wanted .* record longer"):
-        prepare(recordings, replace(scenario, class_windows=500), 0, [])
+        prepare_dataset(recordings, replace(scenario, class_windows=500), 0, [])
 
 
 def test_windows_dealt_at_random_keep_the_counts_of_each_cell(recordings: list[Recording]) -> None:
@@ -305,6 +305,6 @@ def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(
     name: str, classifier: str, expected: str
 ) -> None:
     assert (
-        paper_words(name, {"classifier": classifier, "training_set": "measured", "split": "L2"})
+        format_reported(name, {"classifier": classifier, "training_set": "measured", "split": "L2"})
         == expected
     )

@@ -16,10 +16,10 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import NETWORKS, cut_windows
 from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.signals import add_noise
-from swashtwin_bench import FILLERS, Plan, plan_of, run_plan
+from swashtwin_bench import FILLERS, Plan, build_plan, run_plan
 from swashtwin_bench.rigs.version_two.fleet import draw_fault
 from swashtwin_bench.studies import plans
-from swashtwin_bench.studies.dataset import StudyDataset, calibration_tasks, prepare
+from swashtwin_bench.studies.dataset import StudyDataset, calibration_tasks, prepare_dataset
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.plan import PlanSettings
 from swashtwin_bench.studies.plans import PLANS, SIZES
@@ -33,7 +33,7 @@ FEW = {"windows": 2, "scarce_windows": 3, "synthetic": 6, "test_windows": None, 
 
 
 def small(study: str, **changes: Any) -> Plan:
-    plan = plan_of(study)
+    plan = build_plan(study)
     scenario = replace(plan.scenario, method=GaussNewton(starts=1), **FEW)
     return replace(
         plan, **{"scenario": scenario, "training_sets": {"measured": TrainingSet()}, **changes}
@@ -42,7 +42,7 @@ def small(study: str, **changes: Any) -> Plan:
 
 @pytest.fixture(scope="module")
 def dataset(recordings: list[Recording]) -> StudyDataset:
-    return prepare(recordings, small("noise").scenario, 0, (), noisy_tests=True)
+    return prepare_dataset(recordings, small("noise").scenario, 0, (), noisy_tests=True)
 
 
 def test_what_workers_get_needs_no_file_of_a_recording(
@@ -56,7 +56,7 @@ def test_what_workers_get_needs_no_file_of_a_recording(
     lazy = [
         load_recording(files[r.recording_id]) if r.recording_id in files else r for r in recordings
     ]
-    prepared = prepare(lazy, small("noise").scenario, 0, (), noisy_tests=True)
+    prepared = prepare_dataset(lazy, small("noise").scenario, 0, (), noisy_tests=True)
     for file in files.values():
         file.unlink()
     received = pickle.loads(pickle.dumps(prepared.test_recordings["L4"][:2]))
@@ -103,13 +103,13 @@ def test_gains_and_speeds_change_each_recording_in_its_own_way(recordings: list[
 
 
 def test_longer_windows_leave_as_much_signal_in_the_scarce_cell() -> None:
-    plan = plan_of("case2", "paper").of_window(8192)
+    plan = build_plan("case2", "paper").of_window(8192)
     assert (plan.scenario.length, plan.scenario.scarce_windows, plan.scenario.test_windows) == (
         8192,
         0,
         12,
     )
-    assert plan_of("case1", "paper").of_window(8192).scenario.scarce_windows == 12
+    assert build_plan("case1", "paper").of_window(8192).scenario.scarce_windows == 12
 
 
 def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(
@@ -133,7 +133,7 @@ def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(
 
 
 def test_every_network_stands_in_the_algorithms_table() -> None:
-    names = plan_of("algorithms").models
+    names = build_plan("algorithms").models
     assert set(NETWORKS) <= set(names)
 
 
@@ -147,7 +147,7 @@ def test_every_plan_has_tasks_whose_keys_differ(study: str) -> None:
 
 def test_the_papers_recipe_has_the_papers_counts_and_both_ways_to_split() -> None:
     for study, in_cell in (("case1", 50), ("case2", 0)):
-        plan = plan_of(f"paper-{study}", "paper")
+        plan = build_plan(f"paper-{study}", "paper")
         assert plan.scenario.class_windows == 650
         assert (
             plan.scenario.scarce_windows,
@@ -158,7 +158,7 @@ def test_the_papers_recipe_has_the_papers_counts_and_both_ways_to_split() -> Non
             "at random": "L0",
         }
     for study in (name for name in PLANS if name.startswith("paper-")):
-        medium, whole = (plan_of(study, size) for size in ("medium", "paper"))
+        medium, whole = (build_plan(study, size) for size in ("medium", "paper"))
         assert (medium.scenario, medium.draws) == (whole.scenario, whole.draws)
         for name, model in whole.models.items():
             if model.is_network:
@@ -174,7 +174,7 @@ def test_the_fair_test_calibrates_each_pump_on_healthy_recordings_and_its_recess
 ) -> None:
     plan = small("fair-test")
     scenario = replace(plan.scenario, scarce_windows=0, **plan.variants["never measured"])
-    counts = prepare(recordings, scenario, 0, ()).measured.counts()
+    counts = prepare_dataset(recordings, scenario, 0, ()).measured.counts()
     assert counts["normal", 15e6] > 0
     assert [counts[label, 15e6] for label in scenario.scarce] == [0, 0, 0, 0]
     assert all(counts[label, 10e6] > 0 for label in scenario.scarce)
@@ -183,7 +183,7 @@ def test_the_fair_test_calibrates_each_pump_on_healthy_recordings_and_its_recess
 
 
 def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:
-    tasks = plan_of("augmentation").tasks(0, "data")
+    tasks = build_plan("augmentation").tasks(0, "data")
     at_none = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "0"}
     filled = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "200"}
     assert at_none == {"measured", "class_weights"}
@@ -210,15 +210,15 @@ def test_a_filler_fills_the_scarce_cell_or_every_class(dataset: StudyDataset, by
 
 
 def test_a_study_can_be_run_in_part_and_by_other_classifiers() -> None:
-    augmentation = plan_of("augmentation")
+    augmentation = build_plan("augmentation")
     plan = augmentation.with_settings(
         PlanSettings(values=("72", "0"), training_sets=("calibrated", "measured"))
     )
     whole = {task.key for task in augmentation.tasks(0, "data")}
     assert {task.factors["synthetic"] for task in plan.tasks(0, "data")} == {"0", "72"}
     assert {task.key for task in plan.tasks(0, "data")} < whole
-    chosen = plan_of("noise").with_settings(PlanSettings(classifiers=("chosen", "extra_trees")))
-    assert chosen.compared["classifier"] == "chosen"
+    chosen = build_plan("noise").with_settings(PlanSettings(classifiers=("chosen", "extra_trees")))
+    assert chosen.reference_values["classifier"] == "chosen"
     for settings, message in (
         (PlanSettings(training_sets=("twin",)), "no training set 'twin'"),
         (PlanSettings(values=("73",)), "no value of synthetic '73'; there are 0, 72, 200"),
@@ -237,14 +237,14 @@ def test_a_study_can_be_run_in_part_and_by_other_classifiers() -> None:
 
 
 def test_a_study_takes_thirteen_sensors() -> None:
-    thirteen = plan_of("case1").with_settings(PlanSettings(sensors=13))
+    thirteen = build_plan("case1").with_settings(PlanSettings(sensors=13))
     assert (thirteen.sensors, len(thirteen.scenario.pump.sensors)) == (13, 13)
     with pytest.raises(InputError, match="no number of sensors '5'"):
-        plan_of("case1").with_settings(PlanSettings(sensors=5))
+        build_plan("case1").with_settings(PlanSettings(sensors=5))
 
 
 def test_twins_of_a_study_on_the_rig_with_a_deep_recess_simulate_that_recess() -> None:
-    case1 = plan_of("case1")
+    case1 = build_plan("case1")
     one, two, deep = (
         case1.with_settings(PlanSettings(rig=version)) for version in ("1", "2", "2-deep")
     )
@@ -254,7 +254,7 @@ def test_twins_of_a_study_on_the_rig_with_a_deep_recess_simulate_that_recess() -
         draw_fault("swash_plate", "A", 0, "any", is_deep=True), angle=recess.angle
     )
     assert one.tasks(0, "data")[0].key != deep.tasks(0, "data")[0].key
-    (paper,) = plan_of("paper-recess").scenario.faults["swash_plate"]
+    (paper,) = build_plan("paper-recess").scenario.faults["swash_plate"]
     assert (paper.depth, paper.length, paper.width, paper.contact) == pytest.approx(
         (0.6e-3, 30e-3, 24e-3, "shared")
     )

@@ -19,10 +19,10 @@ from swashtwin_bench.rigs.measuring import Run, bore_force
 from swashtwin_bench.rigs.version_two.fleet import SecondSpecimen, draw_fault, draw_specimen
 from swashtwin_bench.rigs.version_two.sounds import bursts, list_impacts, loudness
 from swashtwin_bench.rigs.writing import RigSize
-from swashtwin_bench.studies.dataset import prepare
+from swashtwin_bench.studies.dataset import prepare_dataset
 from swashtwin_bench.studies.runner import fleets, require_rig
 from swashtwin_bench.studies.scenario import Scenario
-from swashtwin_bench.studies.training_sets import twins_of
+from swashtwin_bench.studies.training_sets import build_twins
 
 TINY = RigSize(specimens=1, repeats=1, duration=0.5)
 GOLDEN_TRUTH = "fec418347757a29a8d52d4195e446416428e9462ae830f2bb9fe5d15d32d752c"
@@ -137,11 +137,11 @@ def test_twins_fill_a_scarce_cell_at_each_speed(monkeypatch: pytest.MonkeyPatch)
     recordings = [
         r for r, _ in rig_recordings(0, RigSize(specimens=3, repeats=3, duration=0.4), version="2")
     ]
-    dataset = prepare(recordings, Scenario(windows=2, scarce_windows=2, held_out=1), 0, [])
+    dataset = prepare_dataset(recordings, Scenario(windows=2, scarce_windows=2, held_out=1), 0, [])
     assert [condition.speed for condition in dataset.conditions()] == pytest.approx(
         [rpm(860), rpm(1120)]
     )
-    twins, _, _ = twins_of(dataset, "nominal", "valve_plate")
+    twins, _, _ = build_twins(dataset, "nominal", "valve_plate")
     assert len(twins) == 4
 
 

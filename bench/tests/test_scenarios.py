@@ -9,9 +9,9 @@ from tiny_case import TINY, tiny
 from swashtwin.foundation import DataError
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
-from swashtwin_bench import plan_of, run_plan
+from swashtwin_bench import build_plan, run_plan
 from swashtwin_bench.studies.cells import recordings_by_cell
-from swashtwin_bench.studies.dataset import calibration_tasks, prepare
+from swashtwin_bench.studies.dataset import calibration_tasks, prepare_dataset
 from swashtwin_bench.studies.scenario import split_scenario
 
 
@@ -31,7 +31,7 @@ def test_no_recording_has_two_roles(recordings: list[Recording], seed: int) -> N
 def test_one_recording_of_one_pump_fills_the_scarce_cell(
     recordings: list[Recording], seed: int
 ) -> None:
-    dataset = prepare(recordings, TINY, seed, ())
+    dataset = prepare_dataset(recordings, TINY, seed, ())
     of_class = dataset.measured.label == "swash_plate"
     scarce = dataset.measured.subset(of_class & (dataset.measured.discharge_pressure > 12e6))
     assert len(scarce) == 3
@@ -41,7 +41,7 @@ def test_one_recording_of_one_pump_fills_the_scarce_cell(
 def test_references_are_healthy_of_the_pumps_held_out_and_never_tested(
     recordings: list[Recording],
 ) -> None:
-    dataset = prepare(recordings, TINY, 0, ())
+    dataset = prepare_dataset(recordings, TINY, 0, ())
     references = [
         recording for recording in recordings if recording.recording_id in dataset.split.references
     ]
@@ -57,9 +57,9 @@ def test_case_two_trains_on_no_measured_window_of_the_missing_cell(
     recordings: list[Recording],
 ) -> None:
     scenario = tiny("case2").scenario
-    assert plan_of("case2", "paper").scenario.test_windows == 50
-    assert plan_of("case2", "paper").scenario.synthetic == 200
-    dataset = prepare(recordings, scenario, 0, ())
+    assert build_plan("case2", "paper").scenario.test_windows == 50
+    assert build_plan("case2", "paper").scenario.synthetic == 200
+    dataset = prepare_dataset(recordings, scenario, 0, ())
     assert dataset.measured.counts()["swash_plate", 15e6] == 0
     assert dataset.measured.counts()["swash_plate", 10e6] > 0
     used = {

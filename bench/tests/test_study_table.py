@@ -10,7 +10,7 @@ import pytest
 
 from swashtwin.recordings import Recording
 from swashtwin_bench import StudyTable, write_study_report
-from swashtwin_bench.results.table import Trial, origin_of, paired_interval, spread
+from swashtwin_bench.results.table import Trial, describe_origin, paired_interval, spread
 
 
 @pytest.fixture
@@ -72,9 +72,9 @@ def test_recordings_of_the_rig_are_called_a_stand_in():
     recording = Recording(
         np.zeros((1, 8)), 10.0, "one", attributes={"origin": "swashtwin virtual rig, version 1"}
     )
-    assert "stand-in for a machine" in origin_of([recording])
+    assert "stand-in for a machine" in describe_origin([recording])
     assert (
-        origin_of([Recording(np.zeros((1, 8)), 10.0, "two")])
+        describe_origin([Recording(np.zeros((1, 8)), 10.0, "two")])
         == "Recordings from files of the user."
     )
 

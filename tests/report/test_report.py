@@ -26,9 +26,9 @@ from swashtwin.recordings import Recording
 from swashtwin.report import render_page, write_report
 from swashtwin.report.calibration_part import directions_table, summarize_calibration
 from swashtwin.report.writing import build_part
-from swashtwin_bench import StudyResult, plan_of, rig_recordings, write_study_report
+from swashtwin_bench import StudyResult, build_plan, rig_recordings, write_study_report
 from swashtwin_bench.rigs.writing import RigSize
-from swashtwin_bench.studies.runner import study_of
+from swashtwin_bench.studies.runner import build_study
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def study(calibration) -> StudyResult:
     )
     runs = [run(name, seed, skill) for name, skill in skills.items() for seed in (0, 1)]
     runs += [run(name, seed, 0.8, "extra_trees", ("L2",)) for name in skills for seed in (0, 1)]
-    return study_of(plan_of("case1"), runs, calibrations=(calibration, at_10))
+    return build_study(build_plan("case1"), runs, calibrations=(calibration, at_10))
 
 
 @pytest.fixture(scope="module")
@@ -263,7 +263,7 @@ def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
         {**r, "rows": [{**row, "scarce_recall": math.nan} for row in r["rows"]]}
         for r in study.runs[:4]
     ]
-    without = study_of(plan_of("case1"), runs)
+    without = build_study(build_plan("case1"), runs)
     page = write_study_report(without, folder=tmp_path).read_text(encoding="utf-8")
     assert '<td title="no test window in the scarce cell">—</td>' in page
     assert "L4, recall in the scarce cell: no test window in the scarce cell" in page

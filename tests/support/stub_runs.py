@@ -10,7 +10,7 @@ from swashtwin.foundation import MPa, random_stream, rpm
 from swashtwin.learning import Epoch, Scores, WindowSet, cut_windows, evaluate
 from swashtwin.pump import CLASSES, OperatingCondition
 from swashtwin.recordings import Recording
-from swashtwin_bench.results.result import score_row
+from swashtwin_bench.results.result import build_score_row
 from swashtwin_bench.results.runs import FORMAT, Task
 
 ORIGIN = "Recordings of the swashtwin virtual rig: a stand-in for a machine; no figure here says how well it works."
@@ -70,7 +70,7 @@ def run(
     task = Task(study, seed, factors, settings, "data", "quick")
     scores = {split: scored(skill, seed, split) for split in splits}
     rows = [
-        {"split": at, "repeat": 0, **score_row(each, each.recall["swash_plate"])}
+        {"split": at, "repeat": 0, **build_score_row(each, each.recall["swash_plate"])}
         for at, each in scores.items()
     ]
     return {

@@ -6,7 +6,7 @@ from typing import Any
 from swashtwin.calibration import GaussNewton
 from swashtwin.learning import TrainingSettings
 from swashtwin.recordings import Recording
-from swashtwin_bench import Plan, plan_of, rig_recordings
+from swashtwin_bench import Plan, build_plan, rig_recordings
 from swashtwin_bench.rigs.writing import RigSize
 from swashtwin_bench.rivals.baselines import UNSCALED
 from swashtwin_bench.rivals.models import Model
@@ -20,7 +20,7 @@ FOREST = Model("extra_trees", {"trees": 20}, UNSCALED)
 
 
 def tiny(study: str = "case1", **changes: Any) -> Plan:
-    plan = plan_of(study)
+    plan = build_plan(study)
     few = {
         "scarce_windows": plan.scenario.scarce_windows and 3,
         "synthetic": 6,

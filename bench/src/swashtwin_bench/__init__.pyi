@@ -2,10 +2,10 @@
 
 from .demo import QUESTION as QUESTION
 from .demo import Demo as Demo
-from .demo import answer_of_demo as answer_of_demo
 from .demo import run_demo as run_demo
+from .demo import summarize_demo as summarize_demo
+from .fillers.available_fillers import FILLERS as FILLERS
 from .fillers.filler import fill_cell as fill_cell
-from .fillers.registry import FILLERS as FILLERS
 from .paper.experiments import EXPERIMENTS as EXPERIMENTS
 from .paper.experiments import paper_answer as paper_answer
 from .paper.experiments import run_paper as run_paper
@@ -20,9 +20,9 @@ from .rigs.courses import plant_course as plant_course
 from .rigs.writing import SIZES as SIZES
 from .rigs.writing import build_rig as build_rig
 from .rigs.writing import rig_recordings as rig_recordings
-from .rivals.models import models_of as models_of
+from .rivals.models import select_models as select_models
 from .studies.plan import Plan as Plan
 from .studies.plans import PLANS as PLANS
-from .studies.plans import plan_of as plan_of
+from .studies.plans import build_plan as build_plan
 from .studies.registry import run_study as run_study
 from .studies.runner import run_plan as run_plan

@@ -27,12 +27,12 @@ from swashtwin.report import (
     format_percent,
     write_report,
 )
-from swashtwin_bench.results.page import study_part
+from swashtwin_bench.results.page import build_study_part
 from swashtwin_bench.results.result import StudyResult
 from swashtwin_bench.results.runs import Run, Work
 from swashtwin_bench.rigs.writing import SIZES, build_rig
 from swashtwin_bench.studies.plan import Plan
-from swashtwin_bench.studies.plans import plan_of
+from swashtwin_bench.studies.plans import build_plan
 from swashtwin_bench.studies.runner import model_file, require_rig, run_plan
 
 QUESTION = "A fault nobody recorded at this pressure: can a twin replace the missing recordings?"
@@ -106,7 +106,7 @@ def run_demo(
         )
     recordings = list(load_recordings(folder))
     require_rig(folder, recordings, SIZES["small"])
-    plan = plan_of(STUDY, "quick")
+    plan = build_plan(STUDY, "quick")
     work = Work(
         (seed,),
         jobs,
@@ -188,7 +188,7 @@ def _verdicts(
     )
 
 
-def answer_of_demo(demo: Demo) -> tuple[str, ...]:
+def summarize_demo(demo: Demo) -> tuple[str, ...]:
     """The answer to the question in sentences."""
     right = [
         sum(verdict.label == demo.label for verdict in verdicts)
@@ -231,7 +231,7 @@ def _part(demo: Demo) -> Part:
     the paper's tables; what lies behind these is folded away.
     """
     verdict = build_part(demo.with_twin[0], "diagnosis")
-    study = study_part(demo.study, "study")
+    study = build_study_part(demo.study, "study")
     lead = Section(SectionOrder.VERDICT, "With the twin and without", (_comparison(demo),))
     paper = Section(SectionOrder.SCORES, "Case II of the paper", tuple(study.answer))
     behind = [
@@ -243,7 +243,7 @@ def _part(demo: Demo) -> Part:
     return replace(
         verdict,
         title=QUESTION,
-        answer=(*answer_of_demo(demo), *verdict.answer),
+        answer=(*summarize_demo(demo), *verdict.answer),
         sections=(lead, *verdict.sections, paper, *behind),
         results={**verdict.results, **study.results},
     )

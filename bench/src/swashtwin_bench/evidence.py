@@ -81,12 +81,12 @@ class Evidence:
         return text
 
 
+# How ranges and pairs of numbers are written on the page.
 _SHORT = (
     (r"(?<=[\d%]) to (?=[-+]?\d)", "…"),
     (r"(?<=[\d%).*]) / (?=[-+*\d])", "/"),
     (r"(?<=\d) ± (?=\d)", "±"),
 )
-"""How ranges and pairs of numbers are written on the page."""
 
 
 def load(folder: Path = FOLDER) -> list[Evidence]:

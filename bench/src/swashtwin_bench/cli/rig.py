@@ -13,7 +13,7 @@ from swashtwin.cli import (
     progress,
     require_folder,
 )
-from swashtwin_bench.cli.studies import show_study, typed_command
+from swashtwin_bench.cli.studies import print_study, typed_command
 
 if TYPE_CHECKING:
     from swashtwin_bench import Demo
@@ -34,7 +34,7 @@ def demo(
     It leaves a model, the twin of a pump and a diagnosis in its folder, runs Case II of the paper,
     and ends with three commands to go on with. A few minutes.
     """
-    from swashtwin_bench import QUESTION, answer_of_demo, run_demo
+    from swashtwin_bench import QUESTION, run_demo, summarize_demo
 
     with progress("demo") as bar:
 
@@ -45,11 +45,11 @@ def demo(
     commands = _next_commands(result)
 
     def show() -> None:
-        show_study(result.study)
+        print_study(result.study)
         print_text("")
         for text in (
             QUESTION,
-            *answer_of_demo(result),
+            *summarize_demo(result),
             f"Report: {result.page}",
             "",
             "Go on with:",
@@ -60,7 +60,7 @@ def demo(
 
     answer = {
         **result.study.to_dict(), "report": result.page, "model": result.model, "twin": result.twin,
-        "question": QUESTION, "demo_answer": answer_of_demo(result), "label": result.label,
+        "question": QUESTION, "demo_answer": summarize_demo(result), "label": result.label,
         "with_twin": [verdict.to_dict() for verdict in result.with_twin],
         "without_twin": [verdict.to_dict() for verdict in result.without_twin], "next": list(commands.values()),
     }  # fmt: skip

@@ -157,7 +157,7 @@ def study(
     page = None if out is None else write_study_report(result, folder=out / result.study)
 
     def show() -> None:
-        show_study(result)
+        print_study(result)
         if page is not None:
             print_text(f"Report: {page}")
 
@@ -185,7 +185,7 @@ def typed_command() -> str:
     return shlex.join(["swashtwin", *sys.argv[1:]])
 
 
-def show_study(study: "StudyTable") -> None:
+def print_study(study: "StudyTable") -> None:
     """Print a study as a table with its answer and its notes."""
     metrics = {
         name: words for name, words in study.metrics.items() if not name.startswith("recall_")

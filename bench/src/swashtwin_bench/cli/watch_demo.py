@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     from swashtwin.recordings import Recording
 
 RECORDINGS, ONSET, PER_DAY, LEARNING = 90, 36, 3, 20
+
+# First recordings that the twin is calibrated on.
 _CALIBRATED = 6
-"""First recordings that the twin is calibrated on."""
+
 _CONFIG = f"""\
 # What swashtwin watch demo watches: a pump of the virtual rig whose pistons wear.
 folder = "watch-data"

@@ -9,7 +9,7 @@ from swashtwin.foundation import derive_seed, random_stream
 from swashtwin.learning import WindowSet
 from swashtwin.signals import add_noise
 from swashtwin.synthesis import require_count
-from swashtwin_bench.fillers.filler import fill_cell, sources_of
+from swashtwin_bench.fillers.filler import fill_cell, find_sources
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def draw_sources(
     were drawn.
     """
     require_count(count)
-    return draw_indices(sources_of(train, label, pressure), label, count, seed)
+    return draw_indices(find_sources(train, label, pressure), label, count, seed)
 
 
 def draw_indices(

@@ -54,7 +54,7 @@ def in_cell(windows: WindowSet, label: str, pressure: float) -> np.ndarray:
     return ~windows.synthetic & (windows.label == label) & is_near
 
 
-def sources_of(train: WindowSet, label: str, pressure: float) -> Int64[np.ndarray, " source"]:
+def find_sources(train: WindowSet, label: str, pressure: float) -> Int64[np.ndarray, " source"]:
     """Indices of the measured windows that stand for a cell: those in it, or, where there is none,
     those of its class.
 

@@ -15,7 +15,7 @@ from swashtwin.foundation import TorchStream, derive_seed, random_stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import require_count
 from swashtwin_bench.fillers.duplicates import draw_indices
-from swashtwin_bench.fillers.filler import fill_cell, sources_of
+from swashtwin_bench.fillers.filler import fill_cell, find_sources
 from swashtwin_bench.fillers.spectra import (
     SpectralForm,
     cut_extensions,
@@ -118,7 +118,7 @@ class Generative(ABC):
     ) -> WindowSet:
         """`count` windows of the cell (`Filler`), each beginning at another angle of the shaft."""
         require_count(count)
-        sources_of(train, label, pressure)
+        find_sources(train, label, pressure)
         measured = train.subset(~train.synthetic & (train.target >= 0))
         lengths = [extension_length(measured, i) for i in range(len(measured))]
         extensions = periodic_extensions(measured, np.arange(len(measured)), max(lengths))

@@ -10,7 +10,7 @@ from scipy.spatial.distance import cdist
 from swashtwin.foundation import DataError, derive_seed, random_stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import require_count
-from swashtwin_bench.fillers.filler import fill_cell, sources_of
+from swashtwin_bench.fillers.filler import fill_cell, find_sources
 
 
 class NoNeighborsError(DataError):
@@ -59,7 +59,7 @@ def _fill(
     name: str, neighbors: int, train: WindowSet, label: str, pressure: float, count: int, seed: int
 ) -> WindowSet:
     require_count(count)
-    sources = sources_of(train, label, pressure)
+    sources = find_sources(train, label, pressure)
     others = np.flatnonzero(~train.synthetic & (train.label != label))
     if len(sources) < 2:
         raise NoNeighborsError(

@@ -18,10 +18,11 @@ from swashtwin.foundation import derive_seed
 from swashtwin.learning import WindowSet
 from swashtwin.signals import inverse_transform, transform
 
+# Least share of a window that is used for the seam of its extension.
 _SEAM = 0.05
-"""Least share of a window that is used for the seam of its extension."""
+
+# Greatest share of an extension that the seam takes.
 _LONGEST_SEAM = 0.2
-"""Greatest share of an extension that the seam takes."""
 
 
 def extension_length(windows: WindowSet, index: int) -> int:

@@ -25,16 +25,16 @@ from swashtwin.report import (
 )
 from swashtwin_bench.paper.identification import STUDY as IDENTIFICATION
 from swashtwin_bench.paper.identification import rates_drawing, run_identification, values_table
-from swashtwin_bench.results.naming import in_words
-from swashtwin_bench.results.page import study_part
-from swashtwin_bench.results.reported import PAPER_STUDY, paper_words
+from swashtwin_bench.results.naming import format_factor
+from swashtwin_bench.results.page import build_study_part
+from swashtwin_bench.results.reported import PAPER_STUDY, format_reported
 from swashtwin_bench.results.result import StudyResult
 from swashtwin_bench.results.runs import Run, Work
 from swashtwin_bench.results.table import StudyTable
 from swashtwin_bench.rigs.writing import RIG_VERSION
 from swashtwin_bench.studies import plans
 from swashtwin_bench.studies.plan import PlanSettings
-from swashtwin_bench.studies.plans import MAIN, PAPER, plan_of
+from swashtwin_bench.studies.plans import MAIN, PAPER, build_plan
 from swashtwin_bench.studies.registry import read_settings
 from swashtwin_bench.studies.runner import fleets, run_plan
 
@@ -145,7 +145,7 @@ def run_paper(
         if name == "identification":
             results[IDENTIFICATION] = run_identification(work, size, fleet(RIG_VERSION))
             continue
-        plan = plan_of(f"{PAPER_STUDY}{name}", size)
+        plan = build_plan(f"{PAPER_STUDY}{name}", size)
         sets = tuple(each for each in chosen.training_sets if each in plan.training_sets)
         if not sets and chosen.training_sets and len(plan.training_sets) > 1:
             raise InputError(
@@ -174,14 +174,14 @@ def _result(study: StudyTable) -> str:
     if not isinstance(study, StudyResult):
         return study.answer[0]
     rows = [row for row in study.rows() if row["classifier"] == MAIN]
-    of_paper = [row for row in rows if row["split"] == "L2" and paper_words(study.study, row)]
+    of_paper = [row for row in rows if row["split"] == "L2" and format_reported(study.study, row)]
     if not of_paper:
         return "the paper prints no figure of what was run."
     row = of_paper[-1]
     same = [each for each in rows if _test_of(each, study) == _test_of(row, study)]
     splits = ", ".join(f"{each['accuracy']['mean']:.3f} at {each['split']}" for each in same)
     count = len(row["accuracy"]["values"])
-    sentence = f"{_test_of(row, study)}: accuracy {splits}; n = {count}; the paper: {paper_words(study.study, row)}."
+    sentence = f"{_test_of(row, study)}: accuracy {splits}; n = {count}; the paper: {format_reported(study.study, row)}."
     near = [
         pair
         for pair in study.differences()
@@ -199,7 +199,9 @@ def _result(study: StudyTable) -> str:
 def _test_of(row: Mapping[str, Any], study: StudyResult) -> str:
     """Training set and test of a row in words, without its split and how its windows were dealt."""
     return ", ".join(
-        in_words(n, row[n]) for n in study.factors if n not in ("classifier", "split", "windows")
+        format_factor(n, row[n])
+        for n in study.factors
+        if n not in ("classifier", "split", "windows")
     )
 
 
@@ -235,7 +237,7 @@ def convergence_sentence(study: StudyResult) -> str:
     if MAIN not in means:
         return "Convergence: no fleet has a training of every network yet."
     listed = "; ".join(
-        f"{in_words('classifier', name)} {format_number(epochs)} epochs and {format_number(seconds)} s"
+        f"{format_factor('classifier', name)} {format_number(epochs)} epochs and {format_number(seconds)} s"
         for name, (epochs, seconds) in means.items()
     )
     others = [pair for name, pair in means.items() if name != MAIN]
@@ -313,7 +315,7 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
 
 
 def _part(study: StudyTable) -> Part:
-    part = replace(study_part(study, study.study.replace("-", "_")), notice="")
+    part = replace(build_study_part(study, study.study.replace("-", "_")), notice="")
     if study.study != IDENTIFICATION:
         return part
     blocks = (values_table(study), rates_drawing(study))

@@ -23,8 +23,8 @@ from swashtwin.recordings import Recording
 from swashtwin.report import Cell, Drawing, Table, format_number, render_drawing, tabulate
 from swashtwin_bench.questions.calibration import CONTENDERS, FAULTS, Contender, errors_on
 from swashtwin_bench.results.reported import PAPER_STUDY
-from swashtwin_bench.results.runs import Task, Work, fingerprint_of
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of, paired_interval
+from swashtwin_bench.results.runs import Task, Work, fingerprint_recordings
+from swashtwin_bench.results.table import StudyTable, Trial, describe_origin, paired_interval
 from swashtwin_bench.rigs.fleet import DISPERSION, FLEET_FACTORS
 
 STUDY = f"{PAPER_STUDY}identification"
@@ -32,7 +32,7 @@ LABEL = "swash_plate"
 PRESSURE = MPa(15)
 """Discharge pressure of the recordings that are calibrated on [Pa]."""
 NOMINAL = "nominal"
-CHOSEN = f"ipinn_{min(PAPER_RATES):g}"
+BEST_CANDIDATE = f"ipinn_{min(PAPER_RATES):g}"
 """The paper's choice: the least rate of its grid."""
 
 METRICS = {
@@ -103,7 +103,7 @@ def run_identification(
         for name, contender in methods(size).items()
         for pump in pumps
     ]
-    runs = work.each("searches", _run, cases)
+    runs = work.map("searches", _run, cases)
     results = [(name, pump, run) for (name, _, pump, _), run in zip(cases, runs, strict=True)]
     refusals = dict.fromkeys(
         f"{name}: {run['refusal']}" for name, _, run in results if "refusal" in run
@@ -134,7 +134,7 @@ def run_identification(
             "pressure_Pa": PRESSURE,
             "methods": {n: repr(c) for n, c in methods(size).items()},
         },
-        origin=origin_of([pumps[0].held_out]),
+        origin=describe_origin([pumps[0].held_out]),
         command=work.command,
         notes=(
             "RMSE, PE and SVE are those on a recording that was held out, of the same pump, fault and pressure; the "
@@ -175,7 +175,7 @@ def _pumps(recordings: Sequence[Recording], seed: int) -> list[_Pump]:
 
 def _run(name: str, contender: Contender | None, pump: _Pump, out: Path | None) -> dict[str, Any]:
     factors = {"twin": name, "specimen": pump.name}
-    data = fingerprint_of([*pump.train, pump.held_out])
+    data = fingerprint_recordings([*pump.train, pump.held_out])
     task = Task(STUDY, pump.seed, factors, {"contender": repr(contender)}, data)
     return task.run(out, lambda: _values(contender, pump))
 
@@ -220,7 +220,9 @@ def _sentence(study: StudyTable) -> str:
     """What became of each error by the paper's rate, beside its claim that all fall."""
     changes = []
     for metric in ("rmse", "pe", "sve"):
-        before, after = (np.array(study.values(metric, twin=twin)) for twin in (NOMINAL, CHOSEN))
+        before, after = (
+            np.array(study.values(metric, twin=twin)) for twin in (NOMINAL, BEST_CANDIDATE)
+        )
         pairs = (after - before)[np.isfinite(after - before)]
         low, high = paired_interval(pairs.tolist())
         interval = f" ({low:+.3f} to {high:+.3f})" if low == low else ""
@@ -228,7 +230,7 @@ def _sentence(study: StudyTable) -> str:
         changes.append(
             f"{metric.upper()} {format_number(float(np.nanmean(before)))} in the nominal twin, {change}"
         )
-    failed = len(study.of(twin=CHOSEN)) - pairs.size
+    failed = len(study.of(twin=BEST_CANDIDATE)) - pairs.size
     return (
         f"IPINN at the paper's rate, errors on recordings held out: {'; '.join(changes)}; n = {pairs.size} pumps"
         f"{f', {failed} failed' if failed else ''}. The paper: all three fall; best epoch 453 of 500."
@@ -243,7 +245,10 @@ def values_table(study: StudyTable) -> Table:
 
     rows = []
     for name, moved in zip(PARAMETERS, FLEET_FACTORS, strict=True):
-        before, found = float(np.exp(logarithms(NOMINAL, name).mean())), logarithms(CHOSEN, name)
+        before, found = (
+            float(np.exp(logarithms(NOMINAL, name).mean())),
+            logarithms(BEST_CANDIDATE, name),
+        )
         identified = "every search failed"
         if found.size:
             spread = (

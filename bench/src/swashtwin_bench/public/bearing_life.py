@@ -67,7 +67,7 @@ def bearing_life(work: Work, folder: Path) -> StudyTable:
             raise InputError(
                 f"{name} has {len(life)} recordings; {2 * N_HEALTHY} are needed at least."
             )
-    values = work.each("bearings", _values, [(life,) for life in lives.values()])
+    values = work.map("bearings", _values, [(life,) for life in lives.values()])
     answers = []
     for metric, rule in (("watch_at", "watch"), ("plain_at", "plain rule")):
         ends = [each[metric] for each in values]

@@ -24,10 +24,10 @@ from swashtwin.learning import (
 )
 from swashtwin.recordings import Recording, default_window
 from swashtwin_bench.public.sets import SPLITS, Fold, Split, read_public_set
-from swashtwin_bench.results.runs import Task, Work, fingerprint_of
+from swashtwin_bench.results.runs import Task, Work, fingerprint_recordings
 from swashtwin_bench.results.table import StudyTable, Trial
 from swashtwin_bench.rivals.baselines import ON_FEATURES
-from swashtwin_bench.rivals.models import CHOSEN, Model
+from swashtwin_bench.rivals.models import BEST_CANDIDATE, Model
 
 METRICS = {
     "balanced_accuracy": "by window",
@@ -65,7 +65,7 @@ class _Case:
     @property
     def task(self) -> Task:
         settings = {name: str(value) for name, value in self.estimator(()).get_params().items()}
-        settings |= Model(CHOSEN).describe() if self.classifier == CHOSEN else {}
+        settings |= Model(BEST_CANDIDATE).describe() if self.classifier == BEST_CANDIDATE else {}
         sides = {"train": sorted(self.fold.train), "test": sorted(self.fold.test)}
         factors = {"classifier": self.classifier, "split": self.split.name, "fold": self.fold.name}
         return Task("public", self.seed, factors, {"model": settings, **sides}, self.data)
@@ -74,7 +74,7 @@ class _Case:
         """The classifier before its training; others than the default take the default's
         windows.
         """
-        if self.classifier == CHOSEN:
+        if self.classifier == BEST_CANDIDATE:
             return FaultClassifier(seed=self.seed)
         window = default_window(train) if train else None
         scaling = "none" if self.classifier in ON_FEATURES else RECOMMENDED_TRAINING.normalization
@@ -121,7 +121,7 @@ class _Case:
 class PublicSettings:
     """What is asked of which sets."""
 
-    classifiers: tuple[str, ...] = (CHOSEN, "extra_trees")
+    classifiers: tuple[str, ...] = (BEST_CANDIDATE, "extra_trees")
     """``"chosen"``, what `FaultClassifier` trains by itself, or names that it takes."""
     sets: tuple[str, ...] = ()
     """Names of the sets to ask; all that are there by default."""
@@ -145,16 +145,16 @@ def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
         `folder` holds none of them.
     """
     for name in settings.classifiers:
-        if name not in (CHOSEN, *NETWORKS):
+        if name not in (BEST_CANDIDATE, *NETWORKS):
             raise InputError(
-                f"no classifier is called {name!r}; there are {CHOSEN}, {', '.join(NETWORKS)}."
+                f"no classifier is called {name!r}; there are {BEST_CANDIDATE}, {', '.join(NETWORKS)}."
             )
     there = _sets_there(Path(folder), settings.sets)
     rows: list[tuple[_Case, dict[str, Any]]] = []
     leaky: list[Trial] = []
     for name in there:
         recordings = _live(read_public_set(name, Path(folder) / name))
-        data, splits = fingerprint_of(recordings), SPLITS[name](recordings)
+        data, splits = fingerprint_recordings(recordings), SPLITS[name](recordings)
         cases = [
             _Case(split, fold, classifier, seed, data)
             for split in splits
@@ -163,7 +163,7 @@ def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
             for fold in split.folds
         ]
         rows += zip(
-            cases, work.each(name, _Case.run, [(case, work.out) for case in cases]), strict=True
+            cases, work.map(name, _Case.run, [(case, work.out) for case in cases]), strict=True
         )
         leaky += [trial_at_random(split, seed) for split in splits for seed in work.seeds]
     trials = _trials(rows)

@@ -16,7 +16,7 @@ from swashtwin.monitoring import OperatingPointMonitor, Suspect
 from swashtwin.pump import CLASSES, load_pump
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Task, Work
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of
+from swashtwin_bench.results.table import StudyTable, Trial, describe_origin
 from swashtwin_bench.rigs.courses import PlantCourse, plant_course, typical_faults
 from swashtwin_bench.rigs.writing import OTHER_DESIGNS, RIG_VERSION, VERSIONS
 
@@ -80,7 +80,7 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
     trials = [
         Trial({"course": kind, "pump": pump}, seed, {name: run[name] for name in METRICS})
         for (kind, seed, pump, *_), run in zip(
-            courses, work.each("courses", _run, courses), strict=True
+            courses, work.map("courses", _run, courses), strict=True
         )
     ]
     shortest = PlantCourse(recordings=1, duration=0.1, version=settings.rig)
@@ -92,7 +92,7 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
         trials=tuple(trials),
         answer=(),
         settings=asdict(settings),
-        origin=origin_of([first]),
+        origin=describe_origin([first]),
         notes=(
             "Load and oil temperature drift over days and weeks, more than while a baseline is learned. The promise "
             "holds for a pump that does not change; under drift it is measured, not promised.",

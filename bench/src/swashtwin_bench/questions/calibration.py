@@ -34,7 +34,7 @@ from swashtwin.physics import Twin
 from swashtwin.pump import SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of
+from swashtwin_bench.results.table import StudyTable, Trial, describe_origin
 from swashtwin_bench.rigs.measuring import Run, sensor_lines, true_values
 from swashtwin_bench.rigs.writing import RigSize, rig_recordings
 
@@ -131,7 +131,7 @@ def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
     settings : what is calibrated on what.
     """
     pumps = [pump for seed in work.seeds for pump in _fleet(seed, settings, work.jobs)]
-    by_pump = work.each("pumps", _of_pump, [(pump, settings) for pump in pumps])
+    by_pump = work.map("pumps", _of_pump, [(pump, settings) for pump in pumps])
     names = [trial.factors["twin"] for trial in by_pump[0][0]]
     trials = [trial for trials, _ in by_pump for trial in trials]
     table = StudyTable(
@@ -151,7 +151,7 @@ def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
                 for name in settings.contenders
             },
         },
-        origin=origin_of([pumps[0].held_out[0]]),
+        origin=describe_origin([pumps[0].held_out[0]]),
         notes=(
             f"Calibrated at {settings.pressure / 1e6:g} MPa on {settings.repeats - 1} recordings of each pump.",
             "Coverage of identified: the share of 90 % intervals of values called identified that hold the truth.",

@@ -13,7 +13,7 @@ from swashtwin.learning import wilson_interval
 from swashtwin.pump import CLASSES, is_healthy
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of
+from swashtwin_bench.results.table import StudyTable, Trial, describe_origin
 from swashtwin_bench.rigs.writing import PRESSURES, RIG_VERSION, RigSize, rig_recordings
 
 METRICS = {
@@ -46,7 +46,7 @@ def detector(work: Work, settings: DetectorStudySettings) -> StudyTable:
     """Table by kind of odd recording, of which two stand among the twenty that train; a fleet for
     each seed.
     """
-    found = work.each("fleets", _of_fleet, [(seed, settings) for seed in work.seeds])
+    found = work.map("fleets", _of_fleet, [(seed, settings) for seed in work.seeds])
     pairs = list(zip(work.seeds, found, strict=True))
     study = StudyTable(
         study="detector",
@@ -59,7 +59,7 @@ def detector(work: Work, settings: DetectorStudySettings) -> StudyTable:
         ),
         answer=(),
         settings=asdict(settings),
-        origin=origin_of(
+        origin=describe_origin(
             [next(rig_recordings(work.seeds[0], RigSize(1, 1, 0.1), version=settings.rig))[0]]
         ),
         notes=(

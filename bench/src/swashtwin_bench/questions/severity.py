@@ -19,7 +19,7 @@ from swashtwin.foundation import mm
 from swashtwin.physics import Twin
 from swashtwin.pump import FAULT_KINDS, SwashPlateDefect, load_pump
 from swashtwin_bench.results.runs import Work
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of
+from swashtwin_bench.results.table import StudyTable, Trial, describe_origin
 from swashtwin_bench.rigs.courses import TRENDS, trend_recordings
 
 METRICS = {
@@ -87,7 +87,7 @@ def severity(work: Work, settings: SeverityStudySettings) -> StudyTable:
     work : its seeds are fleets of the rig; one pump of each.
     """
     pumps = [(seed, name, settings.severities) for seed in work.seeds for name in PUMPS]
-    cases = [case for pump in work.each("pumps", _of_pump, pumps) for case in pump]
+    cases = [case for pump in work.map("pumps", _of_pump, pumps) for case in pump]
     first = next(trend_recordings(work.seeds[0], PUMPS[0], severities=(), healthy=1, duration=0.1))[
         0
     ]
@@ -102,7 +102,7 @@ def severity(work: Work, settings: SeverityStudySettings) -> StudyTable:
             "pumps": list(PUMPS),
             **asdict(SeveritySettings()),
         },
-        origin=origin_of([first]),
+        origin=describe_origin([first]),
         notes=(
             "A severity found to be zero counts as a twentieth of the truth in error and bias.",
             "Errors of the faults' laws, which widen intervals, were chosen on fleets 100 to 111.",

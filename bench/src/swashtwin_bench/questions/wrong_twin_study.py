@@ -68,7 +68,7 @@ def wrong_twins(work: Work, settings: WrongTwinSettings) -> StudyTable:
         for turn in range(settings.rounds)
         for number, case in enumerate(cases)
     ]
-    trials: list[Trial] = work.each("cases", _trial, tries)
+    trials: list[Trial] = work.map("cases", _trial, tries)
     families = list(dict.fromkeys(case.family for case in cases))
     trials.sort(key=lambda trial: families.index(trial.factors["family"]))
     return StudyTable(

@@ -17,7 +17,7 @@ from swashtwin.foundation import DataError, random_stream
 from swashtwin.pump import CLASSES, group_by_condition
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of
+from swashtwin_bench.results.table import StudyTable, Trial, describe_origin
 from swashtwin_bench.rigs.writing import OTHER_DESIGNS, RIG_VERSION, SIZES, VERSIONS, rig_recordings
 from swashtwin_bench.studies.cells import recordings_by_cell
 
@@ -197,7 +197,7 @@ def zero_shot(
     DataError
         The recordings cannot be split so.
     """
-    fleets = work.each("fleets", _fleet, [(recordings, settings, seed) for seed in work.seeds])
+    fleets = work.map("fleets", _fleet, [(recordings, settings, seed) for seed in work.seeds])
     roles = {
         str(seed): {
             "pumps": list(split.pumps),
@@ -246,7 +246,7 @@ def _fleet(
         trials = healthy_trials(recordings, split, seed, settings.healthy, pistons)
     else:
         trials = prior_trials(recordings, split, seed, pistons=pistons)
-    return list(trials), split, origin_of(recordings)
+    return list(trials), split, describe_origin(recordings)
 
 
 def _answer(study: StudyTable, healthy: Sequence[int]) -> tuple[str, ...]:

@@ -24,26 +24,26 @@ from swashtwin.plot import (
     series_colors,
 )
 from swashtwin.report import Drawing, draw_confusion, render_drawing, tabulate
-from swashtwin_bench.results.naming import in_words
-from swashtwin_bench.results.result import TESTS, StudyResult, named_by
+from swashtwin_bench.results.naming import format_factor
+from swashtwin_bench.results.result import TESTS, StudyResult, name_run
 from swashtwin_bench.results.runs import Run
 from swashtwin_bench.results.table import StudyTable
 
 SHOWN = ("accuracy", "scarce_recall")
 """Metrics of a study of classifiers that are drawn; the table has all."""
 
-MOST_ROWS = 40
+MAX_ROWS = 40
 """Rows that are drawn; a longer table is drawn up to there."""
 
-MOST_MATRICES = 4
+MAX_MATRICES = 4
 """Confusion matrices drawn beside each other at most."""
 
-MOST_POINTS = 1200
+MAX_POINTS = 1200
 """Windows drawn in one t-SNE panel at most, taken evenly; a third of it where there is more than
 one row of panels.
 """
 
-MOST_PANELS = 20
+MAX_PANELS = 20
 """t-SNE panels drawn at most, in rows of `_ACROSS`."""
 
 _ACROSS = 4
@@ -53,15 +53,15 @@ _DASHES = ("-", "--", ":", "-.")
 
 
 @figure_style()
-def rows_drawing(study: StudyTable, key: str) -> Drawing:
+def draw_rows(study: StudyTable, key: str) -> Drawing:
     """Each metric in a panel, each row on a line of it: its mean as a bar, trials as points."""
     shown = {name: label for name, label in study.metrics.items() if name in SHOWN} or study.metrics
     varying = [
         name for name in study.factors if len({trial.factors[name] for trial in study.trials}) > 1
     ]
-    rows = sorted(study.rows(), key=lambda row: str(row.get("split", "")))[:MOST_ROWS]
+    rows = sorted(study.rows(), key=lambda row: str(row.get("split", "")))[:MAX_ROWS]
     names = [
-        ", ".join(in_words(name, row[name]) for name in varying or study.factors[:1])
+        ", ".join(format_factor(name, row[name]) for name in varying or study.factors[:1])
         for row in rows
     ]
     across = min(2, len(shown))
@@ -89,7 +89,7 @@ def rows_drawing(study: StudyTable, key: str) -> Drawing:
     )
 
 
-def curve_drawings(study: StudyResult, key: str) -> list[Drawing]:
+def draw_curves(study: StudyResult, key: str) -> list[Drawing]:
     """Accuracy and recall in the scarce cell along what is varied, a figure for each classifier of
     many training sets; none where nothing is varied.
     """
@@ -136,8 +136,8 @@ def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, nam
         looks.append({"color": colors[first], "marker": _MARKERS[leading.index(first) % len(_MARKERS)],
                       "linestyle": _DASHES[other.index(second) % len(_DASHES)]})  # fmt: skip
         parts = zip(("classifier", "training_set"), pair, (classifiers, sets), strict=True)
-        named = [in_words(kind, value) for kind, value, choices in parts if len(choices) > 1]
-        titles.append(", ".join(named) or in_words("classifier", pair[0]))
+        named = [format_factor(kind, value) for kind, value, choices in parts if len(choices) > 1]
+        titles.append(", ".join(named) or format_factor("classifier", pair[0]))
     for line, metric in zip(axes, SHOWN, strict=True):
         for panel, split in zip(line, splits, strict=True):
             for pair, look in zip(series, looks, strict=True):
@@ -185,7 +185,7 @@ def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, nam
 
 
 @figure_style()
-def training_drawing(study: StudyResult, key: str) -> Drawing:
+def draw_training(study: StudyResult, key: str) -> Drawing:
     """Loss and accuracy over the epochs, and over the CPU time where epochs were timed: a line for
     each training.
     """
@@ -221,7 +221,7 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
     axes[1, 1].set(xlabel="CPU time of the training [s]")
     marks = [Line2D([], [], color=colors[name], linewidth=2) for name in names]
     figure.legend(
-        marks, [in_words(by, name) for name in names], loc="outside upper center", ncols=2
+        marks, [format_factor(by, name) for name in names], loc="outside upper center", ncols=2
     )
     caption = (
         "One line for each seed: the training windows, synthetic ones included, while the weights move. An epoch "
@@ -232,12 +232,12 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
     )
 
 
-def confusion_of(study: StudyResult, key: str) -> Drawing:
+def draw_confusions(study: StudyResult, key: str) -> Drawing:
     """Confusion matrices of a few rows, the first and the best, for each split; all seeds added."""
     rows = {tuple(value for name, value in row.items() if name in study.factors and name != "split"): row
             for row in sorted(study.rows(), key=lambda row: -(row["accuracy"]["mean"] or 0.0))}  # fmt: skip
     first = tuple(value for name, value in study.trials[0].factors.items() if name != "split")
-    chosen = list(dict.fromkeys([first, *rows]))[:MOST_MATRICES]
+    chosen = list(dict.fromkeys([first, *rows]))[:MAX_MATRICES]
     titles = dict(
         zip(
             chosen,
@@ -262,7 +262,7 @@ def _distinct(factors: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str
     varying = [i for i in range(len(factors)) if len({row[i] for row in rows}) > 1] or [
         min(1, len(factors) - 1)
     ]
-    return [", ".join(in_words(factors[i], row[i]) for i in varying) for row in rows]
+    return [", ".join(format_factor(factors[i], row[i]) for i in varying) for row in rows]
 
 
 def embedded_runs(study: StudyResult) -> list[Run]:
@@ -271,7 +271,7 @@ def embedded_runs(study: StudyResult) -> list[Run]:
     a layout to mean anything.
     """
     first = [run for run in study.first_runs if run["features"]]
-    several = len({named_by(run, "classifier") for run in first}) > 1
+    several = len({name_run(run, "classifier") for run in first}) > 1
     chosen = [
         run for run in first if not several or run["factors"]["classifier"] == study.main_classifier
     ]
@@ -283,12 +283,12 @@ def embedded_runs(study: StudyResult) -> list[Run]:
 
 
 @figure_style()
-def embedding_drawing(study: StudyResult, key: str) -> Drawing:
+def draw_embedding(study: StudyResult, key: str) -> Drawing:
     """t-SNE of the test windows' features, for each training set, or for each network where there
     is one only.
     """
     runs = embedded_runs(study)
-    runs = [runs[i] for i in _spread_evenly(len(runs), MOST_PANELS)]
+    runs = [runs[i] for i in _spread_evenly(len(runs), MAX_PANELS)]
     titles = _distinct(list(runs[0]["factors"]), [tuple(run["factors"].values()) for run in runs])
     classes = list(study.classes)
     colors = series_colors(classes)
@@ -303,7 +303,7 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
     for ax, run, title in zip(axes.flat, runs, titles, strict=False):
         features = {name: np.array(values) for name, values in run["features"].items()}
         picked = _spread_evenly(
-            len(features["label"]), MOST_POINTS if down == 1 else MOST_POINTS // 3
+            len(features["label"]), MAX_POINTS if down == 1 else MAX_POINTS // 3
         )
         points, label, split = (
             _tsne(features["values"][picked]),
@@ -358,7 +358,7 @@ def _tsne(features: np.ndarray) -> np.ndarray:
 
 
 @figure_style()
-def excitation_drawing(twin: Twin, key: str) -> list[Drawing]:
+def draw_excitation(twin: Twin, key: str) -> list[Drawing]:
     """Displacement of each slipper in the recess and their sum, over one revolution; an empty list
     for other faults.
     """

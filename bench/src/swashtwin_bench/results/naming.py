@@ -5,7 +5,7 @@ TRAINING_SETS = {
     "nominal": "with nominal twin",
     "calibrated": "with calibrated twin",
     "posterior": "with draws of calibrated twins",
-    "stated_prior": "with draws of calibrated twins, stated severities",
+    "default_prior": "with draws of calibrated twins, default severities",
     "every_class": "with calibrated twin, every class",
     "class_weights": "class weights",
 }
@@ -38,12 +38,12 @@ CLASSIFIERS = {
 """What classifiers are called in sentences, tables and figures; others by their own name."""
 
 
-def in_words(factor: str, value: str) -> str:
+def format_factor(factor: str, value: str) -> str:
     """A factor's value in words.
 
     Examples
     --------
-    >>> in_words("classifier", "spectral_bitcn"), in_words("classifier", "random_forest")
+    >>> format_factor("classifier", "spectral_bitcn"), format_factor("classifier", "random_forest")
     ('BiTCN on levels (ours)', 'random forest')
     """
     names = {"classifier": CLASSIFIERS, "training_set": TRAINING_SETS}.get(factor, {})

@@ -26,22 +26,22 @@ from swashtwin.report import (
     write_report,
 )
 from swashtwin_bench.results.figures import (
-    confusion_of,
-    curve_drawings,
+    draw_confusions,
+    draw_curves,
+    draw_embedding,
+    draw_excitation,
+    draw_rows,
+    draw_training,
     embedded_runs,
-    embedding_drawing,
-    excitation_drawing,
-    rows_drawing,
-    training_drawing,
 )
-from swashtwin_bench.results.naming import in_words
-from swashtwin_bench.results.reported import is_reported, paper_words
+from swashtwin_bench.results.naming import format_factor
+from swashtwin_bench.results.reported import format_reported, is_reported
 from swashtwin_bench.results.result import METRICS, StudyResult
 from swashtwin_bench.results.runs import Run
 from swashtwin_bench.results.table import StudyTable
 
+# Name in a score's reasons of each metric that is called otherwise there.
 _REASONS = {"recall": "macro_recall", "f1": "macro_f1"}
-"""Name in a score's reasons of each metric that is called otherwise there."""
 
 
 def write_study_report(study: StudyTable, folder: Path | str) -> Path:
@@ -56,10 +56,10 @@ def write_study_report(study: StudyTable, folder: Path | str) -> Path:
     InputError
         `folder` is a file.
     """
-    return write_report(study_part(study, "study"), folder=folder)
+    return write_report(build_study_part(study, "study"), folder=folder)
 
 
-def study_part(study: StudyTable, key: str) -> Part:
+def build_study_part(study: StudyTable, key: str) -> Part:
     """Part of one study.
 
     Parameters
@@ -67,12 +67,12 @@ def study_part(study: StudyTable, key: str) -> Part:
     key : what the names of its figures begin with.
     """
     scores: list[Any] = [_rows_table(study), Bullets("To be read with it", study.notes)]
-    pictures = [rows_drawing(study, key)]
+    pictures = [draw_rows(study, key)]
     further: list[Section] = []
     calibrations: list[Any] = []
     if isinstance(study, StudyResult):
         scores = _score_blocks(study, scores[1])
-        pictures += [*curve_drawings(study, key), confusion_of(study, key)]
+        pictures += [*draw_curves(study, key), draw_confusions(study, key)]
         if study.calibrations:
             calibrations = [calibration.to_dict() for calibration in study.calibrations]
             blocks = _calibration_blocks(study, key)
@@ -170,7 +170,7 @@ def scores_table(study: StudyResult) -> Table:
         named = ", ".join(
             [
                 row["split"],
-                *(in_words(name, value) for name, value in factors.items() if name != "split"),
+                *(format_factor(name, value) for name, value in factors.items() if name != "split"),
             ]
         )
         cells = [_score_cell(row[metric], _why(tests, metric)) for metric in METRICS]
@@ -178,7 +178,7 @@ def scores_table(study: StudyResult) -> Table:
             low, high = tests[0][1]["accuracy_interval"]
             cells[0] = replace(cells[0], text=f"{cells[0].text} ({low:.2f} to {high:.2f})")
         count = Cell(str(len(row["accuracy"]["values"])))
-        paper = [Cell(paper_words(study.study, factors))] if with_paper else []
+        paper = [Cell(format_reported(study.study, factors))] if with_paper else []
         rows.append((Cell(named), count, *cells, *paper))
     header = ("split, classifier, training set", "seeds", *METRICS.values())
     return Table(
@@ -226,9 +226,11 @@ def differences_table(study: StudyResult) -> Table:
     rows = []
     for pair in study.differences():
         first, second = (
-            in_words(pair.factor, row[pair.factor]) for row in (pair.first, pair.second)
+            format_factor(pair.factor, row[pair.factor]) for row in (pair.first, pair.second)
         )
-        fixed = [in_words(name, value) for name, value in pair.first.items() if name != pair.factor]
+        fixed = [
+            format_factor(name, value) for name, value in pair.first.items() if name != pair.factor
+        ]
         low, high = (100 * end for end in pair.interval)
         interval = Cell(f"{low:+.1f} to {high:+.1f}") if pair.pairs > 1 else Cell("—", "one seed")
         clear = Cell("—" if pair.pairs < 2 else "yes" if pair.is_clear else "no")
@@ -276,7 +278,7 @@ def _calibration_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
         own_key = f"{key}_calibration_{index + 1}" if several else f"{key}_calibration"
         inner = build_calibration_blocks(calibration, own_key)
         if index == 0:
-            inner = (*inner, *excitation_drawing(calibration.nominal, own_key))
+            inner = (*inner, *draw_excitation(calibration.nominal, own_key))
         title = f"{calibration.twin.pump.name}: {describe_verdicts(calibration)}"
         blocks.append(Group(title, inner, is_open=not several))
     return tuple(blocks)
@@ -285,9 +287,9 @@ def _calibration_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
 def _training_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
     blocks: list[Any] = [_cells_table(study)]
     if any(run["history"] for run in study.runs):
-        blocks.append(_with_origin(training_drawing(study, key), study))
+        blocks.append(_with_origin(draw_training(study, key), study))
     if embedded_runs(study):
-        blocks.append(_with_origin(embedding_drawing(study, key), study))
+        blocks.append(_with_origin(draw_embedding(study, key), study))
     else:
         blocks.append("No t-SNE: no network was trained, or there are fewer than 10 test windows.")
     return tuple(blocks)
@@ -316,7 +318,7 @@ def _cells_table(study: StudyResult) -> Table:
     total = [sum(count for name, count in of.items() if " @ " in name) for of in cells.values()]
     rows.append((Cell("all"), *(Cell(str(count)) for count in total)))
     header = [
-        f"test {name}" if name.split(", ")[0] in SPLITS else in_words("training_set", name)
+        f"test {name}" if name.split(", ")[0] in SPLITS else format_factor("training_set", name)
         for name in cells
     ]
     caption = (

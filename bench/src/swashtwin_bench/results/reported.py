@@ -51,7 +51,7 @@ def is_reported(study: str) -> bool:
     return any(name == study.removeprefix(PAPER_STUDY) for name, *_ in REPORTED)
 
 
-def paper_words(study: str, row: Mapping[str, str]) -> str:
+def format_reported(study: str, row: Mapping[str, str]) -> str:
     """What the paper prints for a row; nothing at farther splits than L2, and of trees that the
     paper does not have.
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from swashtwin.calibration import Calibration
 from swashtwin.learning import Scores
-from swashtwin_bench.results.naming import in_words
+from swashtwin_bench.results.naming import format_factor
 from swashtwin_bench.results.runs import Run
 from swashtwin_bench.results.table import StudyTable, Trial, paired_interval
 
@@ -34,7 +34,7 @@ METRICS = {
 FURTHER = {"discriminator": "AUROC measured/synthetic", "wall_s": "time of one run [s]"}
 """Headings of the figures of a training, whatever it is tested on."""
 
-MOST_DIFFERENCES = 4
+MAX_DIFFERENCES = 4
 """Differences in the answer for each test, of classifiers the nearest ones; the table has all."""
 
 TESTS = ("split", "perturbation")
@@ -44,7 +44,7 @@ Row = Mapping[str, str]
 """Factors that name a row."""
 
 
-def score_row(scores: Scores, scarce_recall: float) -> dict[str, Any]:
+def build_score_row(scores: Scores, scarce_recall: float) -> dict[str, Any]:
     """Numbers of one test as a run's file holds them, with confusion, interval and reasons.
 
     Parameters
@@ -67,7 +67,7 @@ def score_row(scores: Scores, scarce_recall: float) -> dict[str, Any]:
     }
 
 
-def trials_of(runs: Sequence[Run]) -> tuple[Trial, ...]:
+def build_trials(runs: Sequence[Run]) -> tuple[Trial, ...]:
     """One trial for each row and seed: the mean over draws of noise."""
     grouped: dict[tuple[tuple[tuple[str, str], ...], int], list[dict[str, float]]] = {}
     for run in runs:
@@ -118,12 +118,11 @@ class Difference:
     @property
     def sentence(self) -> str:
         """The difference in points."""
-        text = f"{in_words(self.factor, self.first[self.factor])} less {in_words(self.factor, self.second[self.factor])}"
-        text += (
-            ""
-            if self.factor == "classifier"
-            else f" ({in_words('classifier', self.first['classifier'])})"
-        )
+        first = format_factor(self.factor, self.first[self.factor])
+        second = format_factor(self.factor, self.second[self.factor])
+        text = f"{first} less {second}"
+        if self.factor != "classifier":
+            text += f" ({format_factor('classifier', self.first['classifier'])})"
         points = f"{text}: {100 * self.mean:+.1f} points"
         if self.pairs < 2:
             return f"{points}, one seed."
@@ -146,9 +145,9 @@ class StudyResult(StudyTable):
     """Name of the settings, such as ``"quick"``."""
     runs: tuple[Run, ...]
     """Every training with its tests, in the order of the rows."""
-    compared: Mapping[str, str] = field(default_factory=dict)
+    reference_values: Mapping[str, str] = field(default_factory=dict)
     """Factor and the value that all its others are compared with."""
-    bare: str | None = None
+    unfilled_variant: str | None = None
     """Value of what is varied for rows of no synthetic window, which are compared with those of
     every value.
     """
@@ -218,7 +217,7 @@ class StudyResult(StudyTable):
                 first[name] == second[name]
                 or (
                     name not in ("classifier", "training_set", *TESTS)
-                    and self.bare in (first[name], second[name])
+                    and self.unfilled_variant in (first[name], second[name])
                 )
                 for name in first
                 if name != factor
@@ -226,7 +225,7 @@ class StudyResult(StudyTable):
 
         pairs = [
             self.difference(first, second, factor)
-            for factor, value in self.compared.items()
+            for factor, value in self.reference_values.items()
             for first, second in product(rows, rows)
             if first.get(factor) == value
             and second.get(factor, value) != value
@@ -247,7 +246,7 @@ class StudyResult(StudyTable):
             among = "" if len(of_all) == len(of_test) else f" of those of {most} seeds"
             best = max(of_all, key=lambda row: row["accuracy"]["mean"] or 0.0)
             named = ", ".join(
-                in_words(name, best[name]) for name in self.factors if name not in TESTS
+                format_factor(name, best[name]) for name in self.factors if name not in TESTS
             )
             pairs = [
                 pair
@@ -257,9 +256,7 @@ class StudyResult(StudyTable):
             if all(pair.factor == "classifier" for pair in pairs):
                 pairs.sort(key=lambda pair: pair.mean)
             text = f"{', '.join(filter(None, test))}: highest accuracy{among} {best['accuracy']['mean']:.3f} ({named})."
-            sentences.append(
-                " ".join([text, *(pair.sentence for pair in pairs[:MOST_DIFFERENCES])])
-            )
+            sentences.append(" ".join([text, *(pair.sentence for pair in pairs[:MAX_DIFFERENCES])]))
         return tuple(sentences)
 
     @property
@@ -267,13 +264,13 @@ class StudyResult(StudyTable):
         """Windows by class and pressure in each training set and test set, first seed; a test set
         that what the study varies does not change stands once.
         """
-        trained = {named_by(run, "classifier"): run["cells"]["train"] for run in self.first_runs}
+        trained = {name_run(run, "classifier"): run["cells"]["train"] for run in self.first_runs}
         tested: dict[str, dict[str, int]] = {}
         for run in self.first_runs:
             for name in run["cells"].keys() - {"train"}:
                 counts = run["cells"][name]
                 if tested.setdefault(name, counts) != counts:
-                    tested[f"{name}, {named_by(run, 'classifier', 'training_set')}"] = counts
+                    tested[f"{name}, {name_run(run, 'classifier', 'training_set')}"] = counts
         return {**trained, **dict(sorted(tested.items()))}
 
     def to_dict(self) -> dict[str, Any]:
@@ -282,11 +279,11 @@ class StudyResult(StudyTable):
         fingerprints: dict[str, dict[str, str]] = {}
         for run in self.runs:
             name = ", ".join(
-                filter(None, (str(run["seed"]), named_by(run, "classifier", "training_set")))
+                filter(None, (str(run["seed"]), name_run(run, "classifier", "training_set")))
             )
             splits[name] = dict(run["roles"])
             named = {
-                part if part != "train" else named_by(run, "classifier"): v
+                part if part != "train" else name_run(run, "classifier"): v
                 for part, v in run["sha256"].items()
             }
             fingerprints.setdefault(name, {}).update(named)
@@ -314,6 +311,6 @@ class StudyResult(StudyTable):
         }
 
 
-def named_by(run: Run, *others: str) -> str:
+def name_run(run: Run, *others: str) -> str:
     """What names a run besides `others`."""
     return ", ".join(value for name, value in run["factors"].items() if name not in others)

@@ -51,7 +51,7 @@ class Task:
     settings: Mapping[str, Any]
     """Everything that decides its result, as JSON can hold it."""
     data: str
-    """SHA-256 of the recordings (`fingerprint_of`), or what they are in words."""
+    """SHA-256 of the recordings (`fingerprint_recordings`), or what they are in words."""
     size: str = ""
     """Name of the study's settings, such as ``"quick"``; no part of the key, which holds the
     settings themselves.
@@ -127,7 +127,7 @@ def load_run(folder: Path) -> dict[str, Any]:
     return run
 
 
-def fingerprint_of(recordings: Iterable[Recording]) -> str:
+def fingerprint_recordings(recordings: Iterable[Recording]) -> str:
     """SHA-256 over the samples and the facts of recordings, whatever their order, hexadecimal."""
     digest = hashlib.sha256()
     for recording in sorted(recordings, key=attrgetter("recording_id")):
@@ -168,7 +168,7 @@ class Work:
         if not self.seeds:
             raise InputError("a study needs a seed; one is enough.")
 
-    def each(
+    def map(
         self, activity: str, function: Callable[..., Any], cases: Sequence[tuple[Any, ...]]
     ) -> list[Any]:
         """Result of `function` for the arguments of each case, in their order, `jobs` of them side

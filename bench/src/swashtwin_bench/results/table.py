@@ -152,7 +152,7 @@ def paired_interval(
     return mean - half, mean + half
 
 
-def origin_of(recordings: Sequence[Recording]) -> str:
+def describe_origin(recordings: Sequence[Recording]) -> str:
     """Where recordings come from, in words; those of the virtual rig say that they are none of a
     machine's.
     """

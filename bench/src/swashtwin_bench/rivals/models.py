@@ -31,7 +31,7 @@ class Model:
     """A classifier before it was trained."""
 
     kind: str
-    """Name in `NETWORKS`, or `CHOSEN`."""
+    """Name in `NETWORKS`, or `BEST_CANDIDATE`."""
     network: Mapping[str, Any] = field(default_factory=dict)
     """Settings of a network that differ from its own defaults."""
     training: TrainingSettings = field(default_factory=TrainingSettings)
@@ -46,7 +46,7 @@ class Model:
 
     def describe(self) -> dict[str, Any]:
         """Settings as JSON can hold them, a network's own defaults among them."""
-        if self.kind == CHOSEN:
+        if self.kind == BEST_CANDIDATE:
             return {"kind": self.kind, "candidates": [repr(candidate) for candidate in CANDIDATES],
                     "training": DISTURBED_TRAINING.to_dict()}  # fmt: skip
         settings = build_network(self.kind, 1, 2, **self.network).settings
@@ -62,7 +62,7 @@ class Model:
         return replace(self, training=replace(self.training, **changes))
 
 
-CHOSEN = "chosen"
+BEST_CANDIDATE = "chosen"
 """What training chooses where nothing is set (`fit_best_candidate`)."""
 
 DEFAULT = "spectral_bitcn"
@@ -97,7 +97,7 @@ def _models(size: str) -> dict[str, Model]:
         NOISY: Model(
             DEFAULT, {}, replace(TRAINING[size], noise_snr=0.0, epochs=2 * TRAINING[size].epochs)
         ),
-        CHOSEN: Model(CHOSEN),
+        BEST_CANDIDATE: Model(BEST_CANDIDATE),
         **{name: Model(name, {}, UNSCALED) for name in ON_FEATURES},
     }
 
@@ -108,7 +108,7 @@ sets nothing.
 """
 
 
-def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:
+def select_models(size: str, names: Iterable[str]) -> dict[str, Model]:
     """Models of a size by name.
 
     Raises
@@ -146,7 +146,7 @@ def train_model(
     checkpoint : file that a network saves to after each epoch and goes on from; deleted at the end.
     progress : called after each epoch of a network.
     """
-    if model.kind == CHOSEN:
+    if model.kind == BEST_CANDIDATE:
         return fit_best_candidate(train, manifest=manifest, seed=seed)
     classifier = fit(
         build_network(model.kind, train.n_channels, len(train.classes), **model.network),

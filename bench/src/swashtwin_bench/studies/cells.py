@@ -42,7 +42,7 @@ def recordings_by_cell(recordings: Sequence[Recording], study: str) -> list[list
     return list(cells.values())
 
 
-def classes_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
+def order_classes(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Classes of the recordings: the paper's order where it knows them all, else the alphabet's."""
     labels = {str(r.label) for r in recordings}
     in_order = tuple(name for name in CLASSES if name in labels)

@@ -22,7 +22,7 @@ from swashtwin.pump import (
 )
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import FORMAT
-from swashtwin_bench.studies.cells import classes_of, cut_evenly
+from swashtwin_bench.studies.cells import cut_evenly, order_classes
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, ScenarioSplit, split_scenario
 
 RECESS = "swash_plate"
@@ -66,7 +66,7 @@ def run_calibration(task: CalibrationTask, out: Path | None) -> Calibration:
     """The calibration: read from ``OUT/calibrations/KEY`` where it lies there, else run and saved
     there.
     """
-    if (finished := finished_calibration(out, task.key)) is not None:
+    if (finished := load_finished_calibration(out, task.key)) is not None:
         return finished
     calibration = calibrate(
         task.twins,
@@ -83,7 +83,7 @@ def run_calibration(task: CalibrationTask, out: Path | None) -> Calibration:
     return calibration
 
 
-def finished_calibration(out: Path | None, key: str) -> Calibration | None:
+def load_finished_calibration(out: Path | None, key: str) -> Calibration | None:
     """The calibration of that key in ``OUT/calibrations``, or None where there is no file of it."""
     path = None if out is None else Path(out) / "calibrations" / key / "calibration.json"
     return load_calibration(path) if path is not None and path.is_file() else None
@@ -168,7 +168,7 @@ def calibration_tasks(
     return tasks
 
 
-def prepare(
+def prepare_dataset(
     recordings: Sequence[Recording],
     scenario: Scenario,
     seed: int,
@@ -190,7 +190,7 @@ def prepare(
 
     train = [by_id[name] for name in sorted(split.train)]
     measured = cut_evenly(
-        train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings)
+        train, length=scenario.length, count=scenario.windows, classes=order_classes(recordings)
     )
     if scenario.class_windows is not None:
         measured = _counted(measured, scenario)
@@ -295,7 +295,7 @@ def cut_again(recordings: Sequence[Recording], windows: WindowSet) -> WindowSet:
     return replace(windows, signal=np.array(signal, dtype=np.float32))
 
 
-def cells_of(windows: WindowSet) -> dict[str, int]:
+def count_cells(windows: WindowSet) -> dict[str, int]:
     """Windows by class and pressure in words; how many are synthetic, where any is."""
     named = {}
     for (label, pressure), count in windows.counts().items():

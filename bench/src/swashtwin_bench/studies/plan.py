@@ -18,12 +18,12 @@ from swashtwin.diagnosis import save_classifier
 from swashtwin.foundation import InputError
 from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
 from swashtwin.pump import PRESSURE_TOLERANCE, load_pump, values_match
-from swashtwin_bench.results.result import score_row
+from swashtwin_bench.results.result import build_score_row
 from swashtwin_bench.results.runs import Task
 from swashtwin_bench.rigs.writing import PUMPS
 from swashtwin_bench.rivals.baselines import ON_FEATURES
-from swashtwin_bench.rivals.models import Model, models_of, train_model
-from swashtwin_bench.studies.dataset import StudyDataset, cells_of
+from swashtwin_bench.rivals.models import Model, select_models, train_model
+from swashtwin_bench.studies.dataset import StudyDataset, count_cells
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, machined_faults
 from swashtwin_bench.studies.training_sets import (
@@ -82,11 +82,11 @@ class Plan:
     """
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
     """What differs from `scenario`, by the factor's value."""
-    bare: str | None = None
+    unfilled_variant: str | None = None
     """Value of the varied factor under which what is filled by nothing stands, and stands alone;
     None where it stands under each.
     """
-    compared: Mapping[str, str] = field(default_factory=dict)
+    reference_values: Mapping[str, str] = field(default_factory=dict)
     """Factor and the value that all its others are compared with."""
     size: str = "custom"
     """Name of the settings."""
@@ -124,12 +124,15 @@ class Plan:
         plan, changes = self, dict[str, Any]()
         if settings.classifiers:
             own = self.models
-            further = models_of(
+            further = select_models(
                 self.size, [name for name in settings.classifiers if name not in own]
             )
             changes["models"] = {name: {**own, **further}[name] for name in settings.classifiers}
-            if "classifier" in self.compared:
-                changes["compared"] = {**self.compared, "classifier": settings.classifiers[0]}
+            if "classifier" in self.reference_values:
+                changes["reference_values"] = {
+                    **self.reference_values,
+                    "classifier": settings.classifiers[0],
+                }
         if settings.training_sets:
             choices = {**TWIN_TRAINING_SETS, **self.training_sets}
             self._require(settings.training_sets, choices, "training set")
@@ -223,13 +226,14 @@ class Plan:
             for variant, training_set, model in product(
                 self.variants, self.training_sets, self.models
             )
-            if self.bare is None
-            or (variant == self.bare) is (self.training_sets[training_set].by is None)
+            if self.unfilled_variant is None
+            or (variant == self.unfilled_variant)
+            is (self.training_sets[training_set].source is None)
         ]
 
     def needs_twins(self, task: Task) -> bool:
         """Whether a task is filled by a calibrated twin."""
-        return self.training_sets[task.factors["training_set"]].by in CALIBRATED_TWINS
+        return self.training_sets[task.factors["training_set"]].source in CALIBRATED_TWINS
 
     def data_seed(self, seed: int) -> int:
         """Seed of the data that is trained on under `seed`."""
@@ -296,7 +300,7 @@ def train_and_test(
         },
         "roles": dataset.roles(),
         "sha256": {name: windows.fingerprint() for name, windows in sets.items()},
-        "cells": {name: cells_of(windows) for name, windows in sets.items()},
+        "cells": {name: count_cells(windows) for name, windows in sets.items()},
         "wall_s": time.perf_counter() - wall,
         "cpu_s": time.process_time() - cpu,
         "device": task.settings["device"],
@@ -330,7 +334,7 @@ def _rows(classifier: Classifier, plan: Plan, dataset: StudyDataset) -> Iterator
                 test = perturbation.of_test(dataset, split, repeat) if perturbation else clean
                 scores = evaluate(tested, test, split=split)
                 yield {"split": split, **varied, "repeat": repeat,
-                       **score_row(scores, scarce_recall(scores, dataset.scenario))}  # fmt: skip
+                       **build_score_row(scores, scarce_recall(scores, dataset.scenario))}  # fmt: skip
 
 
 def scarce_recall(scores: Scores, scenario: Scenario) -> float:

@@ -26,11 +26,18 @@ from typing import Any
 from swashtwin.calibration import GaussNewton, Nuisances
 from swashtwin.foundation import InputError
 from swashtwin.learning import NOISE_SNR_RANGE_DB, PAPER_TRAINING, TrainingSettings
-from swashtwin_bench.fillers.registry import FILLERS
+from swashtwin_bench.fillers.available_fillers import FILLERS
 from swashtwin_bench.results.reported import PAPER_STUDY
 from swashtwin_bench.rigs.fleet import PAPER_RECESS
 from swashtwin_bench.rigs.writing import DEEP_VERSION
-from swashtwin_bench.rivals.models import CHOSEN, DEFAULT, MODELS, NOISY, Model, models_of
+from swashtwin_bench.rivals.models import (
+    BEST_CANDIDATE,
+    DEFAULT,
+    MODELS,
+    NOISY,
+    Model,
+    select_models,
+)
 from swashtwin_bench.studies.perturbations import Perturbation, noises
 from swashtwin_bench.studies.plan import Plan
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario
@@ -138,9 +145,9 @@ def case_one(size: str, recipe: str) -> Plan:
         study="case1" if recipe == OURS else f"{PAPER_STUDY}case1",
         title="Case I, few samples: measured, nominal and calibrated training sets",
         scenario=SCENARIOS[recipe, size],
-        models=models_of(size, names) if recipe == OURS else _networks(size, (MAIN,)),
+        models=select_models(size, names) if recipe == OURS else _networks(size, (MAIN,)),
         size=size,
-        compared={"training_set": "calibrated"},
+        reference_values={"training_set": "calibrated"},
         fleet="small" if size == "quick" else "paper",
     )
     return plan if recipe == OURS else _with_random_windows(plan)
@@ -201,7 +208,9 @@ def algorithms(size: str, recipe: str) -> Plan:
         size, recipe, "algorithms", "Algorithms on Case I's calibrated training set", names
     )
     return (
-        plan if recipe == OURS else replace(plan, repeats=2 if size == "quick" else 10, compared={})
+        plan
+        if recipe == OURS
+        else replace(plan, repeats=2 if size == "quick" else 10, reference_values={})
     )
 
 
@@ -263,7 +272,7 @@ def augmentation(size: str) -> Plan:
         },
         varied="synthetic",
         variants={str(budget): {"synthetic": budget} for budget in budgets},
-        bare="0",
+        unfilled_variant="0",
         notes=(
             "AUROC measured/synthetic: how well trees on vibration features tell the measured windows of the filled "
             "cell from the synthetic ones; 0.5 is not at all. Where it is near 1 and only this cell is filled, a "
@@ -288,7 +297,7 @@ def fair_test(size: str) -> Plan:
     return _like_case_one(
         size, OURS, "fair-test", "The fair test: calibrated twins with the law of the recess less nominal ones",
         scenario=scenario,
-        models=models_of(size, ("band_powers", "extra_trees", CHOSEN, "bitcn")),
+        models=select_models(size, ("band_powers", "extra_trees", BEST_CANDIDATE, "bitcn")),
         training_sets=FAIR_TRAINING_SETS,
         varied="case",
         variants={
@@ -296,7 +305,7 @@ def fair_test(size: str) -> Plan:
             "II": {},
             "never measured": {"scarce": ("swash_plate", "cylinder_block", "piston", "valve_plate")},
         },
-        compared={"training_set": "law"},
+        reference_values={"training_set": "law"},
         fleet="short",
     )  # fmt: skip
 
@@ -314,11 +323,17 @@ def _calibrated(size: str, recipe: str, study: str, title: str, ours: Iterable[s
     """Case I's calibrated training set, learned by several classifiers: `ours`, or those of the
     paper.
     """
-    models = models_of(size, ours) if recipe == OURS else _networks(size, CLASSIFIERS[study])
+    models = select_models(size, ours) if recipe == OURS else _networks(size, CLASSIFIERS[study])
     sets = {"calibrated": PAPER_TRAINING_SETS["calibrated"]}
-    compared = {"classifier": next(iter(models))}
+    reference_values = {"classifier": next(iter(models))}
     return _like_case_one(
-        size, recipe, study, title, models=models, training_sets=sets, compared=compared
+        size,
+        recipe,
+        study,
+        title,
+        models=models,
+        training_sets=sets,
+        reference_values=reference_values,
     )
 
 
@@ -355,7 +370,7 @@ PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
 """
 
 
-def plan_of(study: str, size: str = "quick") -> Plan:
+def build_plan(study: str, size: str = "quick") -> Plan:
     """Plan of a study by its name and a size.
 
     Raises

@@ -22,7 +22,7 @@ from swashtwin_bench.questions.zero_shot import ZeroShotSettings, zero_shot
 from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable
 from swashtwin_bench.studies.plan import Plan, PlanSettings
-from swashtwin_bench.studies.plans import PLANS, plan_of
+from swashtwin_bench.studies.plans import PLANS, build_plan
 from swashtwin_bench.studies.runner import fleets, run_plan
 
 
@@ -120,7 +120,7 @@ def run_study(
 def _plan(name: str, size: str) -> Plan:
     if name not in PLANS:
         raise InputError(f"no study {name!r}; there are {', '.join((*PLANS, *QUESTIONS))}.")
-    return plan_of(name, size)
+    return build_plan(name, size)
 
 
 def read_settings(kind: Callable[..., Any], given: Mapping[str, Any], study: str) -> Any:

@@ -12,15 +12,15 @@ from swashtwin.calibration import Calibration
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import WindowSet
 from swashtwin.recordings import Recording, load_recordings
-from swashtwin_bench.results.result import FURTHER, METRICS, StudyResult, trials_of
-from swashtwin_bench.results.runs import Run, Task, Work, fingerprint_of, load_run
-from swashtwin_bench.results.table import origin_of
+from swashtwin_bench.results.result import FURTHER, METRICS, StudyResult, build_trials
+from swashtwin_bench.results.runs import Run, Task, Work, fingerprint_recordings, load_run
+from swashtwin_bench.results.table import describe_origin
 from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, RigSize, build_rig
 from swashtwin_bench.studies.dataset import (
     StudyDataset,
     calibration_tasks,
-    finished_calibration,
-    prepare,
+    load_finished_calibration,
+    prepare_dataset,
     run_calibration,
 )
 from swashtwin_bench.studies.plan import Plan, train_and_test
@@ -67,10 +67,10 @@ def run_plan(
             f"{', '.join(plan.variants)}."
         )
     runs: list[Run] = []
-    data = "" if callable(source) else fingerprint_of(source)
+    data = "" if callable(source) else fingerprint_recordings(source)
     for seed in seeds:
         recordings = source(seed) if callable(source) else source
-        data = fingerprint_of(recordings) if callable(source) else data
+        data = fingerprint_recordings(recordings) if callable(source) else data
         tasks = plan.tasks(seed, data, work.device)
         todo = [task for task in tasks if not _is_finished(task, plan, work.out, keep_models)]
         runs += [
@@ -85,8 +85,8 @@ def run_plan(
         calls.sort(
             key=lambda call: not plan.models[call[0].factors["classifier"]].is_network
         )  # the long ones first
-        runs += work.each("training", _finished_training, calls)
-    result = study_of(plan, runs, out=work.out)
+        runs += work.map("training", _finished_training, calls)
+    result = build_study(plan, runs, out=work.out)
     return replace(
         result, wall_s=time.perf_counter() - started, command=work.command or result.command
     )
@@ -127,10 +127,10 @@ def _calls(
             if any(map(plan.needs_twins, tasks))
             else []
         )
-        calibrations = work.each(
+        calibrations = work.map(
             "calibration", run_calibration, [(search, work.out) for search in searches]
         )
-        dataset = prepare(
+        dataset = prepare_dataset(
             recordings,
             scenario,
             data_seed,
@@ -138,14 +138,14 @@ def _calls(
             noisy_tests=bool(plan.perturbations),
         )
         names = list(dict.fromkeys(task.factors["training_set"] for task in tasks))
-        fills = work.each(
+        fills = work.map(
             "filling cells", fill_cells, [(dataset, plan.training_sets[name]) for name in names]
         )
         filled = dict(zip(names, fills, strict=True))
         sent = replace(dataset, calibrations={})
         facts = {
             "calibrations": [search.key for search in searches],
-            "origin": origin_of(recordings),
+            "origin": describe_origin(recordings),
         }
         quiet = Work(work.seeds, out=work.out, command=work.command)
         for task in tasks:
@@ -183,7 +183,7 @@ def _finished_training(
     return task.run(work.out, compute)
 
 
-def study_of(
+def build_study(
     plan: Plan,
     runs: Sequence[Run],
     *,
@@ -204,7 +204,7 @@ def study_of(
             key for run in ordered if run["seed"] == first for key in run["calibrations"]
         )
         calibrations = [
-            each for key in keys if (each := finished_calibration(out, key)) is not None
+            each for key in keys if (each := load_finished_calibration(out, key)) is not None
         ]
     further = {name for run in ordered for name in (*run["values"], "wall_s")}
     commands = dict.fromkeys(run["command"] for run in ordered if run["command"])
@@ -219,7 +219,7 @@ def study_of(
             },
             **{name: heading for name, heading in FURTHER.items() if name in further},
         },
-        trials=trials_of(ordered),
+        trials=build_trials(ordered),
         answer=(),
         settings=_settings(ordered),
         origin=ordered[0]["origin"],
@@ -229,8 +229,8 @@ def study_of(
         device=", ".join(sorted({run["device"] for run in ordered})),
         size=ordered[0]["size"],
         runs=tuple(ordered),
-        compared=plan.compared,
-        bare=plan.bare,
+        reference_values=plan.reference_values,
+        unfilled_variant=plan.unfilled_variant,
         calibrations=tuple(calibrations),
     )
     return replace(result, answer=result.sentences())

@@ -120,7 +120,7 @@ class Scenario:
                 f"faults has nothing for the scarce class {unknown[0]!r}; say what the twin simulates."
             )
 
-    def is_near(self, recording: Recording) -> bool:
+    def is_at_pressure(self, recording: Recording) -> bool:
         """Whether a recording is at the scarce cells' pressure."""
         condition = recording.condition
         return condition is not None and bool(
@@ -129,7 +129,7 @@ class Scenario:
 
     def is_scarce(self, recording: Recording) -> bool:
         """Whether a recording lies in a scarce cell."""
-        return recording.label in self.scarce and self.is_near(recording)
+        return recording.label in self.scarce and self.is_at_pressure(recording)
 
     def describe(self) -> dict[str, Any]:
         """The scenario as JSON can hold it."""
@@ -223,14 +223,15 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
         if order[0].specimen in held_out:
             spare = (
                 1
-                if order[0].label == "normal" and (len(ids) > 1 or not scenario.is_near(order[0]))
+                if order[0].label == "normal"
+                and (len(ids) > 1 or not scenario.is_at_pressure(order[0]))
                 else 0
             )
             references |= set(ids[:spare])
-            tests[unseen] |= set(ids[spare:]) if scenario.is_near(order[0]) else set()
+            tests[unseen] |= set(ids[spare:]) if scenario.is_at_pressure(order[0]) else set()
             continue
         count = _training_count(order, scenario)
-        tests[familiar] |= set(ids[count:]) if scenario.is_near(order[0]) else set()
+        tests[familiar] |= set(ids[count:]) if scenario.is_at_pressure(order[0]) else set()
         if scenario.is_scarce(order[0]):
             lenders_by_class[str(order[0].label)].append(ids[:count])
         else:
@@ -254,7 +255,7 @@ def _training_count(cell: Sequence[Recording], scenario: Scenario) -> int:
     """How many recordings of a training specimen's cell train."""
     if len(cell) > 1:
         return len(cell) - max(1, len(cell) // 3)
-    if scenario.is_near(cell[0]):
+    if scenario.is_at_pressure(cell[0]):
         raise DataError(
             f"the study needs two recordings of {cell[0].label} at {scenario.pressure / 1e6:g} MPa of specimen "
             f"{cell[0].specimen}, one to train and one to test; there is one, {cell[0].recording_id}."

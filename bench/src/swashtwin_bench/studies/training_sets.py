@@ -15,7 +15,7 @@ from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault
 from swashtwin.synthesis import DEFAULT_VARIATION, Variation, discriminative_score, simulate_windows
-from swashtwin_bench.fillers.registry import FILLERS
+from swashtwin_bench.fillers.available_fillers import FILLERS
 from swashtwin_bench.studies.dataset import StudyDataset
 
 CALIBRATED_TWINS = ("calibrated", "posterior", "law")
@@ -33,7 +33,7 @@ its pumps.
 class TrainingSet:
     """What a training set holds besides the measured windows."""
 
-    by: str | None = None
+    source: str | None = None
     """``"nominal"``, a name in `CALIBRATED_TWINS` or in `FILLERS`, or None for nothing."""
     every_class: bool = False
     """Fill every class at the scarce cells' pressure and not the scarce ones alone: the control of
@@ -41,18 +41,18 @@ class TrainingSet:
     """
     class_weights: bool = False
     """Let every class count the same in a network's loss, in place of windows."""
-    stated_prior: bool = False
+    default_prior: bool = False
     """Spread severities and places as `synthesize` does, and not by `RIG_VARIATION`."""
 
     def __post_init__(self) -> None:
         filling = ("nominal", *CALIBRATED_TWINS, *FILLERS)
-        if self.by is not None and self.by not in filling:
-            raise InputError(f"nothing fills by {self.by!r}; there are {', '.join(filling)}.")
+        if self.source is not None and self.source not in filling:
+            raise InputError(f"nothing fills by {self.source!r}; there are {', '.join(filling)}.")
 
     @property
     def variation(self) -> Variation:
         """What differs from one window of twins to the next."""
-        return DEFAULT_VARIATION if self.stated_prior else RIG_VARIATION
+        return DEFAULT_VARIATION if self.default_prior else RIG_VARIATION
 
     def describe(self, faults: Mapping[str, Sequence[Fault]]) -> dict[str, Any]:
         """Settings as JSON can hold them, those of whatever fills among them.
@@ -62,10 +62,10 @@ class TrainingSet:
         faults : what twins simulate of each class, where they fill all of them.
         """
         filler = None
-        if self.by is not None:
-            filler = repr(FILLERS.get(self.by, self.variation))
+        if self.source is not None:
+            filler = repr(FILLERS.get(self.source, self.variation))
         table = {**asdict(self), "filler": filler}
-        del table["stated_prior"]  # the filler's spreads tell it
+        del table["default_prior"]  # the filler's spreads tell it
         if self.every_class:
             table["faults"] = {
                 name: [repr(fault) for fault in faults[name]] for name in sorted(faults)
@@ -92,7 +92,7 @@ TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
         "nominal": TrainingSet("nominal"),
         "calibrated": TrainingSet("calibrated"),
         "posterior": TrainingSet("posterior"),
-        "stated_prior": TrainingSet("posterior", stated_prior=True),
+        "default_prior": TrainingSet("posterior", default_prior=True),
         "every_class": TrainingSet("calibrated", every_class=True),
     }
 )
@@ -134,16 +134,16 @@ def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSe
     measured = dataset.measured
     synthetic = measured.subset(np.zeros(len(measured), dtype=bool))
     count = dataset.scenario.synthetic
-    if training_set.by is None or count == 0:
+    if training_set.source is None or count == 0:
         return synthetic
     for label in measured.classes if training_set.every_class else dataset.scenario.scarce:
         seed = derive_seed(dataset.seed, "filling", label) % 2**31
-        if (filler := FILLERS.get(training_set.by)) is not None:
+        if (filler := FILLERS.get(training_set.source)) is not None:
             made = filler(
                 measured, label=label, pressure=dataset.scenario.pressure, count=count, seed=seed
             )
         else:
-            twins, posteriors, laws = twins_of(dataset, training_set.by, label)
+            twins, posteriors, laws = build_twins(dataset, training_set.source, label)
             made = simulate_windows(
                 twins, count=count, like=measured, seed=seed, variation=training_set.variation, posterior=posteriors,
                 law=laws,
@@ -152,7 +152,7 @@ def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSe
     return synthetic
 
 
-def twins_of(
+def build_twins(
     dataset: StudyDataset, by: str, label: str
 ) -> tuple[list[Twin], list[Posterior] | None, list[FaultLaw | None] | None]:
     """Twins of a class at the scarce cells' pressure, one of each kind of fault for each speed and

@@ -36,7 +36,7 @@ HOUSING_MODES = (1350.0, 2100.0, 2900.0, 3900.0, 5200.0)
 """Fleet mean resonances [Hz] of the flexible housing."""
 
 SEVERITY_SPREAD = 0.35
-"""Standard deviation of ln(severity); `stated_prior` and changes assume the same, other training
+"""Standard deviation of ln(severity); `default_prior` and changes assume the same, other training
 sets less.
 """
 

@@ -40,10 +40,12 @@ _VERSION = 2
 _MAY_BE_NAN = ("healthy.speed", "healthy.pressure")
 _MAX_NAMED_OUTLIERS = 6
 _MAX_OUTLIER_CAUSES = 2
+
+# An outlier resembles another operating point if its score there is so many times lower.
 _OTHER_POINT_RATIO = 4.0
-"""An outlier resembles another operating point if its score there is so many times lower."""
+
+# Relative; keeps a p-value equal to the rate from being above it by rounding.
 _RATE_TOLERANCE = 1e-9
-"""Relative; keeps a p-value equal to the rate from being above it by rounding."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,15 +33,18 @@ MAX_ORDER = 40
 summed in third octaves."""
 STEPS = 32
 """Points of the midpoint rule on the path of samples."""
+
+# Points on the path of band powers: an average of heads turns within a hundredth of it.
 _BAND_POWER_STEPS = 512
-"""Points on the path of band powers: an average of heads turns within a hundredth of it."""
+
 _THIRD_OCTAVE = 2 ** (1 / 3)
+
+# Name of each feature that belongs to no band, by its quantity and whether it is an envelope's.
 _WHOLE_CHANNEL_NAMES = {
     ("deviation", False): "overall level",
     ("deviation", True): "envelope level",
     ("shape", None): "waveform shape",
 }
-"""Name of each feature that belongs to no band, by its quantity and whether it is an envelope's."""
 
 
 @dataclass(frozen=True)

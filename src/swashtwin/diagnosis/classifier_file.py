@@ -42,12 +42,15 @@ _MAY_BE_NAN = (
     "resemblance.prior.point_speed",
     "resemblance.prior.point_pressure",
 )
+
+# Values that a network's setting may always have, whatever the size of its weights.
 _MIN_SETTING_LIMIT = 1 << 16
-"""Values that a network's setting may always have, whatever the size of its weights."""
+
+# Entries of a list among a network's settings, such as one for each layer.
 _MAX_LIST_ENTRIES = 256
-"""Entries of a list among a network's settings, such as one for each layer."""
+
+# Length of text from the file in a message.
 _MAX_NAME_CHARACTERS = 60
-"""Length of text from the file in a message."""
 
 
 @dataclass(frozen=True)
@@ -121,10 +124,10 @@ class _Card:
             self.recordings.require_sizes(n_channels, n_classes)
 
 
+# Fields that a `FittedClassifier` and its card have in common.
 _SHARED_FIELDS = tuple(
     field.name for field in fields(_Card) if field.name not in ("network", "resemblance")
 )
-"""Fields that a `FittedClassifier` and its card have in common."""
 
 
 def save_classifier(

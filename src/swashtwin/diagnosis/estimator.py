@@ -9,6 +9,7 @@ from typing import Any, get_args, get_origin
 
 from swashtwin.foundation import InputError
 
+# Type that an annotation accepts, so that NumPy's numbers pass, and its description.
 _ACCEPTED_TYPES = {
     int: (Integral, "a whole number"),
     float: (Real, "a number"),
@@ -17,7 +18,6 @@ _ACCEPTED_TYPES = {
     Mapping: (Mapping, "a mapping by name"),
     NoneType: (NoneType, "None"),
 }
-"""Type that an annotation accepts, so that NumPy's numbers pass, and its description."""
 
 
 class Estimator:

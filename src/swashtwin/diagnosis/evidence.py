@@ -19,13 +19,16 @@ from swashtwin.recordings import Recording, specified_shaft_frequency
 MAX_WINDOWS = 24
 """Consecutive windows that evidence is computed from; of more, those that speak most for the
 verdict."""
+
+# Share of the score that contributions may miss and still be reported as shares of it.
 _MAX_COMPLETENESS_ERROR = 0.1
-"""Share of the score that contributions may miss and still be reported as shares of it."""
+
 _N_NEIGHBORS = 5
 _N_SENTENCE_LINES = 3
 _N_JSON_LINES = 10
+
+# Keeps the logarithm of a probability finite.
 _MIN_PROBABILITY = 1e-12
-"""Keeps the logarithm of a probability finite."""
 
 
 @dataclass(frozen=True)

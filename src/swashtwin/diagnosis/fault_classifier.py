@@ -41,10 +41,11 @@ from swashtwin.recordings import Manifest, Recording, recording_groups
 Progress = Callable[[str, int, int], None]
 """Called with the activity, and with how many of how many steps are finished."""
 
+# Fields of `TrainingSettings` that are parameters of a `FaultClassifier`.
 _TRAINING_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
-"""Fields of `TrainingSettings` that are parameters of a `FaultClassifier`."""
+
+# Settings of a network that follow from the windows.
 _SIZE_SETTINGS = ("n_channels", "n_classes", "length")
-"""Settings of a network that follow from the windows."""
 
 
 @dataclass(eq=False, repr=False)

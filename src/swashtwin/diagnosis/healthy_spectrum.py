@@ -14,9 +14,9 @@ from swashtwin.learning import (
 )
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_healthy, values_match
 
+# Healthy recordings from which their range is meaningful; with fewer of the machine or operating
+# point, others are taken too.
 _MIN_RECORDINGS = 5
-"""Healthy recordings from which their range is meaningful; with fewer of the machine or operating
-point, others are taken too."""
 
 
 @dataclass(frozen=True, eq=False)

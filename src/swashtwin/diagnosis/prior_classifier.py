@@ -62,12 +62,16 @@ SHIPPED = Path(__file__).parent / "priors"
 """Folder of the shipped priors, one for each design."""
 _VERSION = 2
 _MAY_BE_NAN = ("levels", "speed", "pressure")
+
+# Field of each array of a file of version 2.
 _ARRAY_FIELDS = {"levels": "band_powers", "speed": "point_speed", "pressure": "point_pressure"}
-"""Field of each array of a file of version 2."""
+
+# Fields that are dataclasses of arrays; their arrays stand in a file as `virtual_change`.
 _PARTS = ("virtual", "head")
-"""Fields that are dataclasses of arrays; their arrays stand in a file as ``virtual_change``."""
+
+# Range of speed or pressure of a prior for another design.
 _ANY_VALUE = (0.0, 1e12)
-"""Range of speed or pressure of a prior for another design."""
+
 _RAD_S_TO_RPM = 30 / math.pi
 _PA_TO_MPA = 1e-6
 

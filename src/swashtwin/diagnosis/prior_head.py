@@ -18,11 +18,13 @@ from swashtwin.foundation import DataError, InputError
 from swashtwin.recordings import Recording
 from swashtwin.signals import TURNS, OrderBands, recording_density, require_shaft_frequency
 
+# Largest relative deviation of the speed from the one that a recording specifies.
 _MAX_SPEED_DEVIATION = 0.012
-"""Largest relative deviation of the speed from the one that a recording specifies."""
+
 _N_SPEED_CANDIDATES = 97
+
+# Piston passes that must lie below half the sample rate.
 _MIN_PASSES = 12
-"""Piston passes that must lie below half the sample rate."""
 
 LAMBDA = 0.1
 """Variance, in squared healthy scatters, from which a healthy direction is shrunk; selected on
@@ -37,14 +39,19 @@ MIN_LINE_CHANGE = 1.5
 counts as changed."""
 FEW_SHOT_WEIGHT = 30.0
 """Weight of a measured fault, where a virtual recording of a fault has 1."""
+
+# Weight of virtual recordings that are healthy or of an unknown fault.
 _BACKGROUND_WEIGHT = 0.5
-"""Weight of virtual recordings that are healthy or of an unknown fault."""
+
+# Recordings for which the typical scatter of virtual pumps counts in a pump's scatter.
 _N_PRIOR_SCATTER = 6
-"""Recordings for which the typical scatter of virtual pumps counts in a pump's scatter."""
+
+# Recordings from which the scatter of a virtual pump is estimated.
 _N_REFERENCES = 4
-"""Recordings from which the scatter of a virtual pump is estimated."""
+
+# Every 7th virtual pump is held out of the training, to learn which answers are unknown.
 _HELD_OUT_INTERVAL = 7
-"""Every 7th virtual pump is held out of the training, to learn which answers are unknown."""
+
 _N_UNITS = 64
 _N_EPOCHS = 24
 

@@ -20,20 +20,26 @@ from swashtwin.learning import (
 )
 from swashtwin.pump import PRESSURE_TOLERANCE, is_healthy, values_match
 
+# Relative difference up to which a speed counts as trained. Wider than elsewhere, since it only
+# decides whether a reason is given.
 _SPEED_TOLERANCE = 0.05
-"""Relative difference up to which a speed counts as trained. Wider than elsewhere, since it only
-decides whether a reason is given."""
+
+# Level below the training's from which a channel is called nearly silent [dB].
 _SILENT_DB = 40.0
-"""Level below the training's from which a channel is called nearly silent [dB]."""
+
+# Difference between the changes of level and noise floor up to which a gain explains both [dB].
 _GAIN_TOLERANCE_DB = 3.0
-"""Difference between the changes of level and noise floor up to which a gain explains both [dB]."""
+
+# Level of a signal in m/s^2 above that of the same signal in g [dB].
 _G_IN_SI_DB = 20 * math.log10(9.80665)
-"""Level of a signal in m/s^2 above that of the same signal in g [dB]."""
+
+# Distance from `_G_IN_SI_DB` up to which a wrong unit is the likelier cause of a change [dB].
 _UNIT_TOLERANCE_DB = 0.7
-"""Distance from `_G_IN_SI_DB` up to which a wrong unit is the likelier cause of a change [dB]."""
+
+# Share of a channel that no other channel explains, as -10 log10, from which one signal may be
+# recorded twice [dB]: a correlation of 0.99.
 _DUPLICATE_LIKENESS_DB = 17.0
-"""Share of a channel that no other channel explains, as -10 log10, from which one signal may be
-recorded twice [dB]: a correlation of 0.99."""
+
 _MAX_REASONS = 6
 _MAX_LISTED_VALUES = 6
 _MAX_LISTED_MACHINES = 3

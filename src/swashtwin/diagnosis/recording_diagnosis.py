@@ -36,13 +36,15 @@ from swashtwin.recordings import (
     summarize_recordings,
 )
 
+# Windows in memory together; a multiple of what the network takes at once, so that no result
+# depends on it.
 _BATCH_WINDOWS = 1024
-"""Windows in memory together; a multiple of what the network takes at once, so that no result
-depends on it."""
+
+# Share of a machine's healthy recordings called faulty above which a note reports it.
 _MAX_FALSE_SHARE = 0.25
-"""Share of a machine's healthy recordings called faulty above which a note reports it."""
+
+# Keeps a product such as 0.1 * 30 from being rounded below the integer that it stands for.
 _RATE_TOLERANCE = 1e-9
-"""Keeps a product such as 0.1 * 30 from being rounded below the integer that it stands for."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,11 @@ from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.pump import FAULT_KINDS, canonical_label, is_healthy, propose_class
 from swashtwin.recordings import Recording, default_window
 
+# Samples per window of a network that has its own default: the paper's.
 _NETWORK_WINDOWS = {"bitcn": 2048}
-"""Samples per window of a network that has its own default: the paper's."""
+
+# Index of the class of a window without a label.
 _UNLABELED = -1
-"""Index of the class of a window without a label."""
 
 
 def measured_classes(X: Any, y: Any, classes: Sequence[str] | None) -> set[str]:

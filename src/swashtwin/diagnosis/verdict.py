@@ -18,10 +18,11 @@ from swashtwin.pump import is_healthy, propose_class
 from swashtwin.recordings import RecordingSummary
 from swashtwin.signals import BandPower
 
+# Fields that pages draw, and that `Diagnosis.to_dict` leaves out.
 _PAGE_FIELDS = ("facts", "fault_of", "choice", "deviation", "band_powers", "spectrum")
-"""Fields that pages draw, and that `Diagnosis.to_dict` leaves out."""
+
+# Changes in the sentence of an alarm.
 _MAX_NAMED_CHANGES = 3
-"""Changes in the sentence of an alarm."""
 
 
 @dataclass(frozen=True, eq=False)

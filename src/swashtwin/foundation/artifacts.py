@@ -23,16 +23,20 @@ from swashtwin.foundation.errors import ArtifactError, InputError, MissingFileEr
 
 T = TypeVar("T")
 
+# The only key of the entry that stands for an array in a card.
 _ARRAY_KEY = "array"
-"""The only key of the entry that stands for an array in a card."""
+
+# The only key of a file's metadata. safetensors writes several keys in random order, so that equal
+# objects would give different files.
 _METADATA_KEY = "swashtwin"
-"""The only key of a file's metadata. safetensors writes several keys in random order, so that equal
-objects would give different files."""
+
 _MAX_REASON_CHARACTERS = 300
+
+# Length of text from a damaged file in a message.
 _MAX_SHOWN_CHARACTERS = 40
-"""Length of text from a damaged file in a message."""
+
+# Names of formats before version numbers were kept apart from the kind.
 _FORMER_FORMAT = re.compile(r"swashtwin-[a-z]+(-[a-z]+)*(-\d+)?")
-"""Names of formats before version numbers were kept apart from the kind."""
 
 
 def save_artifact(

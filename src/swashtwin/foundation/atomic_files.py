@@ -27,9 +27,10 @@ HIDDEN_NAME = re.compile(re.escape(HIDDEN_PREFIX) + r"[0-9a-f]{12}(?=\.)")
 """Stem of a file that is being written, and of its lock file."""
 
 _IS_WINDOWS = sys.platform == "win32"
+
+# Delays between attempts to replace a file, since a virus scanner or an indexer of Windows may hold
+# the target for a moment.
 _REPLACE_DELAYS_S = (0.05, 0.2, 0.5, 1.0)
-"""Delays between attempts to replace a file, since a virus scanner or an indexer of Windows may
-hold the target for a moment."""
 
 
 @contextmanager

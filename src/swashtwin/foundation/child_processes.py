@@ -31,10 +31,12 @@ from swashtwin.foundation.processes import exit_with_parent, keep_freed_memory
 
 _T = TypeVar("_T")
 
+# Memory that the libraries of a function may take beyond its limit when they are loaded.
 _LIBRARY_BYTES = 1 << 29
-"""Memory that the libraries of a function may take beyond its limit when they are loaded."""
+
+# Time that a child that closed its pipe has to exit, so that its exit code can be reported.
 _EXIT_WAIT_S = 0.2
-"""Time that a child that closed its pipe has to exit, so that its exit code can be reported."""
+
 _SERVE = "from swashtwin.foundation.child_processes import serve; serve()"
 
 

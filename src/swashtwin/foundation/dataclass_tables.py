@@ -20,8 +20,9 @@ from swashtwin.foundation.errors import InputError
 
 T = TypeVar("T")
 
+# Digits of a number in JSON. Python takes quadratic time to parse a long integer.
 _MAX_DIGITS = 40
-"""Digits of a number in JSON. Python takes quadratic time to parse a long integer."""
+
 _TYPE_NAMES = {
     "str": "text",
     "int": "a whole number",

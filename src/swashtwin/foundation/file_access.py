@@ -7,10 +7,11 @@ from pathlib import Path
 
 from swashtwin.foundation.errors import DataError, InputError
 
+# Names that Windows reserves for devices, with any suffix.
 _WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|(com|lpt)[0-9¹²³])(?=\.|$)", re.IGNORECASE)
-"""Names that Windows reserves for devices, with any suffix."""
+
+# Limit of a name, so that a whole path stays below the 260 characters that Windows allows.
 _MAX_NAME_CHARACTERS = 100
-"""Limit of a name, so that a whole path stays below the 260 characters that Windows allows."""
 
 
 def as_path(path: object) -> Path:

@@ -13,8 +13,9 @@ try:
     VERSION = version("swashtwin")
 except PackageNotFoundError:  # run from a source tree that was never installed
     VERSION = "0+unknown"
+
+# The version, by the name that is common among packages.
 __version__ = VERSION
-"""The version, by the name that is common among packages."""
 
 
 def load_extra(module: str, extra: str, need: str) -> Any:

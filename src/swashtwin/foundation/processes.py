@@ -16,8 +16,8 @@ from swashtwin.foundation.errors import DataError, InputError
 if TYPE_CHECKING:
     from joblib import Parallel
 
+# Interval at which a process checks whether its parent is alive.
 _POLL_INTERVAL_S = 1.0
-"""Interval at which a process checks whether its parent is alive."""
 
 
 def parallel(jobs: int, **options: Any) -> "Parallel":
@@ -84,8 +84,8 @@ MEMORY_VARIABLE = "SWASHTWIN_MEMORY_GB"
 _DEFAULT_LIMIT_GB = 4.0
 
 
+# Slightly below the largest block that changes malloc's threshold.
 _FREED_BLOCK_BYTES = (1 << 25) - (1 << 16)
-"""Slightly below the largest block that changes malloc's threshold."""
 
 
 def keep_freed_memory() -> None:

@@ -11,10 +11,11 @@ from swashtwin.foundation.errors import ArtifactError, InputError
 from swashtwin.foundation.file_access import read_text
 from swashtwin.foundation.packages import VERSION
 
+# Free space that stays on the disk, so that logs and databases can still be written.
 _DISK_RESERVE_BYTES = 1 << 24
-"""Free space that stays on the disk, so that logs and databases can still be written."""
+
+# Length of a differing value in a message.
 _MAX_VALUE_CHARACTERS = 60
-"""Length of a differing value in a message."""
 
 
 def resume_folder(folder: Path, manifest: str, settings: Mapping[str, Any]) -> None:

@@ -14,8 +14,9 @@ CONTROLS = "\x00-\x1f\x7f-\x9f\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff
 """Control characters, line ends, and marks that change the direction of writing or have no width,
 as ranges of `re`."""
 _CONTROLS = re.compile(f"[{CONTROLS}]+")
+
+# The same, and what XML does not allow.
 _HIDDEN = re.compile(f"[{CONTROLS}\ud800-\udfff\ufffe\uffff]")
-"""The same, and what XML does not allow."""
 
 
 def plain_text(text: str) -> str:

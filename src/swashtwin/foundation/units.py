@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from pint import Unit, UnitRegistry
 
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*")
+
+# Names, products, quotients and powers of one digit: no second number, and nothing that takes long
+# to evaluate.
 _UNIT = re.compile(r"(?:1\s*/)?(?:[^\W\d]\w*+|(?:\^|\*\*)-?[1-9](?!\w)|[%°*/·()]|\s)*")
-"""Names, products, quotients and powers of one digit: no second number, and nothing that takes long
-to evaluate."""
 
 
 def rpm(value: float) -> float:
@@ -62,6 +63,8 @@ def celsius(value: float) -> float:
     return value + 273.15
 
 
+# SI unit and factor of the units in daily use. Other units are looked up with pint, which takes
+# half a second to build its registry.
 _COMMON = {
     "m": ("m", 1.0), "cm": ("m", 1e-2), "mm": ("m", 1e-3), "um": ("m", 1e-6),
     "kg": ("kg", 1.0), "s": ("s", 1.0), "ms": ("s", 1e-3),
@@ -72,18 +75,20 @@ _COMMON = {
     "Pa": ("Pa", 1.0), "kPa": ("Pa", 1e3), "MPa": ("Pa", 1e6), "bar": ("Pa", 1e5), "mbar": ("Pa", 1e2),
     "N": ("N", 1.0), "V": ("V", 1.0), "K": ("K", 1.0), "1": ("1", 1.0),
 }  # fmt: skip
-"""SI unit and factor of the units in daily use. Other units are looked up with pint, which takes
-half a second to build its registry."""
+
 _SHAFT_SPEEDS = dict.fromkeys(
     ("rpm", "r/min", "rev/min", "1/min", "/min", "min^-1", "min-1", "U/min", "Upm"), math.pi / 30
 )
 _SHAFT_SPEEDS |= dict.fromkeys(("Hz", "rev/s", "r/s", "rps"), 2 * math.pi)
 """Angular speed [rad/s] of one unit of a shaft's speed. Hertz are its turns per second; 1/s is
 not accepted, since it may be rad/s as well."""
+
+# Units that are understood in any case of letters, but for mPa (millipascal).
 _CASELESS = ("Pa", "hPa", "kPa", "MPa", "bar", "psi", "Hz", "kHz", "rpm", "U/min", "degC")
-"""Units that are understood in any case of letters, but for mPa (millipascal)."""
+
+# Common names of units of acceleration; pint takes g for gram.
 _SPELLINGS = {"g": "g_0", "gn": "g_0", "G": "g_0", "mg": "mg_0", "m/s/s": "m/s^2"}
-"""Common names of units of acceleration; pint takes g for gram."""
+
 _POWERS = {"²": "^2", "³": "^3", "⁻¹": "^-1", "**": "^"}
 
 
@@ -154,10 +159,11 @@ def _spell_unit(text: str, target: str = "") -> str:
     return re.sub(r"(?<=[A-Za-z])([23])(?![\w^])", r"^\1", text)
 
 
+# Unit that people use in place of the SI unit: a bare 860 is a speed in revolutions per minute.
 _TYPICAL_UNITS = {"rad/s": "rpm", "Pa": "MPa"}
-"""Unit that people use in place of the SI unit: a bare 860 is a speed in revolutions per minute."""
+
+# A bare sample rate below this is probably in kHz.
 _MIN_RATE_HZ = 1000
-"""A bare sample rate below this is probably in kHz."""
 
 
 def is_unit(text: str) -> bool:

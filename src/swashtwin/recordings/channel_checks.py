@@ -16,21 +16,25 @@ from swashtwin.recordings.findings import Finding
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.specified_facts import specified_shaft_frequency
 
+# Windows are in single precision.
 _MAX_VALUE = float(np.finfo(np.float32).max)
-"""Windows are in single precision."""
-_NEAR_EXTREME = 0.01
-"""Distance from an extreme, relative to the range, up to which a sample is near it.
 
-A sensor that clips has few samples there: its signal passes quickly on the way to the stop.
-"""
+# Distance from an extreme, relative to the range, up to which a sample is near it.
+#
+# A sensor that clips has few samples there: its signal passes quickly on the way to the stop.
+_NEAR_EXTREME = 0.01
+
+# Distance from an extreme, relative to the range, up to which a sample is at it: rounding.
 _AT_EXTREME = 1e-6
-"""Distance from an extreme, relative to the range, up to which a sample is at it: rounding."""
+
+# Consecutive samples at the extreme that count as clipped: a smooth peak has two at most.
 _MIN_CLIPPED_RUN = 3
-"""Consecutive samples at the extreme that count as clipped: a smooth peak has two at most."""
+
+# Samples in runs at an extreme below which they may be there by chance.
 _MIN_CROWD = 2 * _MIN_CLIPPED_RUN
-"""Samples in runs at an extreme below which they may be there by chance."""
+
+# Mean over standard deviation from which an offset is reported.
 _MIN_OFFSET_RATIO = 5.0
-"""Mean over standard deviation from which an offset is reported."""
 
 
 def require_usable(recording: Recording) -> None:

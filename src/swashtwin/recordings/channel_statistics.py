@@ -13,10 +13,12 @@ PART_SAMPLES = 1 << 22
 
 A flat stretch across the border of two parts counts as two.
 """
+
+# Samples of one value from which a stretch is flat: coarse converters repeat values for less.
 _MIN_FLAT_SAMPLES = 20
-"""Samples of one value from which a stretch is flat: coarse converters repeat values for less."""
+
+# Length [s] from which a stretch is flat, whatever the sample rate.
 _MIN_FLAT_TIME_S = 2e-3
-"""Length [s] from which a stretch is flat, whatever the sample rate."""
 
 
 class FlatStretch(NamedTuple):

@@ -24,8 +24,8 @@ from swashtwin.recordings.index_reading import load_index
 from swashtwin.recordings.recording import Recording, require_unique_ids
 from swashtwin.recordings.specified_facts import specified_pressure, specified_speed
 
+# Values that a message lists.
 _MAX_LISTED_VALUES = 12
-"""Values that a message lists."""
 
 
 @dataclass(frozen=True)

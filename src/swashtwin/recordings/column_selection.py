@@ -9,10 +9,11 @@ from swashtwin.recordings.entry import Entry
 from swashtwin.recordings.formats.raw_file import RawFile
 from swashtwin.recordings.scaling import vibration_columns
 
+# Relative difference up to which a specified rate agrees with that of the file.
 _RATE_TOLERANCE = 1e-3
-"""Relative difference up to which a specified rate agrees with that of the file."""
+
+# Seconds of the units that are mistaken for seconds in time columns.
 _TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Seconds of the units that are mistaken for seconds in time columns."""
 
 
 def select_columns(raw: RawFile, entry: Entry, source_name: str) -> dict[str, Column]:

@@ -7,12 +7,14 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float, Shaped
 
+# Relative difference of the steps of a ramp: those of a time written with few digits differ.
 _RAMP_TOLERANCE = 0.25
-"""Relative difference of the steps of a ramp: those of a time written with few digits differ."""
+
+# Samples that are tested first, because vibration shows within a few that it is not a ramp.
 _RAMP_PREVIEW_SAMPLES = 64
-"""Samples that are tested first, because vibration shows within a few that it is not a ramp."""
+
+# Hexadecimal digits of a hash that are kept: 128 bits, too many for two to agree by chance.
 _HASH_DIGITS = 32
-"""Hexadecimal digits of a hash that are kept: 128 bits, too many for two to agree by chance."""
 
 
 def rises_evenly(samples: Shaped[np.ndarray, " time"], step: float) -> bool:

@@ -12,10 +12,11 @@ from swashtwin.recordings.channel_statistics import ChannelStatistics
 from swashtwin.recordings.findings import Finding, join_names
 from swashtwin.recordings.recording import Recording
 
+# Level over the median of its class above which gain or unit must differ: faults change it less.
 _MAX_LEVEL_RATIO = 30.0
-"""Level over the median of its class above which gain or unit must differ: faults change it less."""
+
+# Longest over shortest recording above which long ones would outweigh the others.
 _MAX_LENGTH_RATIO = 3.0
-"""Longest over shortest recording above which long ones would outweigh the others."""
 
 _Key = TypeVar("_Key", bound=Hashable)
 

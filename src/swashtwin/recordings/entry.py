@@ -27,8 +27,10 @@ CONDITION_FIELDS = {
     "oil_temperature": "oil_temperature",
 }
 """Keys of an entry, and the fields of an `OperatingCondition` that they specify."""
+
+# Characters of an unknown key that a message repeats.
 _MAX_KEY_LENGTH = 60
-"""Characters of an unknown key that a message repeats."""
+
 _TOML_SCALARS = (str, int, float, date, time)
 
 

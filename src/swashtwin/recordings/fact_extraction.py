@@ -32,12 +32,17 @@ from swashtwin.recordings.formats.sample_units import normalize_unit
 
 PRESSURES = ("pressure", "suction_pressure", "case_pressure")
 """Keys whose bare numbers have no default unit: MPa and bar are both in use."""
+
+# Units of bare numbers.
 _DEFAULT_UNITS = {"speed": "rpm", "sample_rate": "Hz", "resample": "Hz", "oil_temperature": "degC"}
-"""Units of bare numbers."""
+
+# Further names of keys, for patterns and tables.
 _KEY_SYNONYMS = {"discharge_pressure": "pressure", "temperature": "oil_temperature"}
-"""Further names of keys, for patterns and tables."""
+
 _PRESSURE_UNIT = r"(?:MPa|kPa|hPa|mbar|bar|psi)"
 _SPEED_UNIT = r"(?:rpm|r_min|U_min|1_min|min-1|Upm)"
+
+# Units that may stand next to a number in a file name.
 _UNIT_PATTERNS = {
     **dict.fromkeys(PRESSURES, _PRESSURE_UNIT),
     "speed": rf"(?:{_SPEED_UNIT}|Hz)",
@@ -45,43 +50,54 @@ _UNIT_PATTERNS = {
     "resample": "k?Hz",
     "oil_temperature": "degC|°C",
 }
-"""Units that may stand next to a number in a file name."""
+
 _NUMBER = r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?"
+
+# Quantities that are recognized in file names.
 _PATH_PATTERNS = {
     "speed": rf"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?({_SPEED_UNIT})(?![A-Za-z])",
     "pressure": rf"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?({_PRESSURE_UNIT})(?![A-Za-z])",
 }
-"""Quantities that are recognized in file names."""
+
+# Quantities that are recognized in headings, in English and German.
 _HEADING_PATTERNS = {
     "speed": r"drehzahl|(?:shaft|rotational|motor|pump)[ _]?speed|^speed|rpm$|^rpm",
     "pressure": r"^(?:discharge|outlet|high|system)?[ _-]?pressure|(?:förder|hoch|betriebs|^)druck",
     "oil_temperature": r"oil[ _-]?temp|öltemp",
 }
-"""Quantities that are recognized in headings, in English and German."""
+
+# Headings of values that were not measured.
 _LIMIT_HEADING = re.compile(r"nominal|nenn|rated|set[ _-]?point|soll|max|limit", re.IGNORECASE)
-"""Headings of values that were not measured."""
+
 _HEADING_UNIT = re.compile(r"(rpm|hz|bar|mpa|kpa|psi)$", re.IGNORECASE)
+
+# A word after that of a quantity, such as sensor or channel: its number is another one.
 _FURTHER_NOUN = re.compile(
     r"[\W_](?!pump|shaft|welle|motor|actual|ist\b|mean)[a-zäöüß]", re.IGNORECASE
 )
-"""A word after that of a quantity, such as sensor or channel: its number is another one."""
+
 _MACHINE_NUMBER = r"(?:[ _-]?\d{1,9}|(?:[ _-]|(?<=[a-z]))[A-Z]\d{0,3})"
 MACHINE_NAME = re.compile(
     rf"(?i:pumpe?|machine|maschine|unit|sn|serial|nr|no)(?:{_MACHINE_NUMBER}|[ _-][a-z])"
     r"|[A-Z]\d{0,3}"
 )
 """Names of folders, and words of classes, that stand for a machine."""
+
+# The same in the name of a file, where a number alone may be that of the measurement.
 _MACHINE_IN_FILE_NAME = re.compile(
     rf"(?<![^\W_])(?i:pumpe?|machine|maschine|unit|sn|serial){_MACHINE_NUMBER}(?![^\W_])"
 )
-"""The same in the name of a file, where a number alone may be that of the measurement."""
+
 _ENTRY_KEYS = {field.name for field in fields(Entry)}
+
+# A pressure of a header below this is that of the air.
 _MIN_PRESSURE_PA = 2e5
-"""A pressure of a header below this is that of the air."""
+
+# Time that a pattern may search in one path.
 _PATTERN_TIMEOUT_S = 1.0
-"""Time that a pattern may search in one path."""
+
+# Relative difference up to which an entry agrees with the header: values are rounded there.
 _MAX_CONTRADICTION = 0.03
-"""Relative difference up to which an entry agrees with the header: values are rounded there."""
 
 
 def parse_path_facts(name: str, pattern: str | None) -> tuple[dict[str, Any], Set[str]]:

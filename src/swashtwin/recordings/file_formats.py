@@ -33,10 +33,12 @@ FORMAT_MODULES = {
 WRITABLE_SUFFIXES = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
 """Suffixes of the files that a recording can be written to."""
 _ENTRY_POINTS = "swashtwin.formats"
+
+# Characters of a library's error that a message repeats.
 _MAX_REASON_LENGTH = 160
-"""Characters of a library's error that a message repeats."""
+
+# Errors of the computer, not of the file: too many open files, or no space.
 _COMPUTER_ERRORS = (EMFILE, ENFILE, ENOSPC)
-"""Errors of the computer, not of the file: too many open files, or no space."""
 
 _registered_readers: dict[str, Reader] = {}
 

@@ -19,28 +19,37 @@ FINGERPRINT_MARK = "~"
 """First character of a fingerprint, which distinguishes it from a hash."""
 MIN_AGREEMENT = 0.4
 """Correlation of the signs from which two recordings are copies (docs/how-to/leakage.md)."""
-_BAND_PAIRS_HZ = ((60, 280), (1100, 1400))
-"""Lower edges of the bands [Hz], in pairs that are compared together.
 
-There are two pairs because a filter may remove one of them.
-"""
+# Lower edges of the bands [Hz], in pairs that are compared together.
+#
+# There are two pairs because a filter may remove one of them.
+_BAND_PAIRS_HZ = ((60, 280), (1100, 1400))
+
 _BAND_WIDTH_HZ = 120
+
+# Complex values of a band per second: one and a half times its width.
 _VALUES_PER_S = 180
-"""Complex values of a band per second: one and a half times its width."""
+
+# Highest band edge over the sample rate: anti-aliasing filters remove what lies above.
 _MAX_BAND_EDGE = 0.475
-"""Highest band edge over the sample rate: anti-aliasing filters remove what lies above."""
+
+# Rise of the taper [s].
 _TAPER_TIME_S = 0.25
-"""Rise of the taper [s]."""
+
+# Width over which the noise floor is taken as a median [Hz].
 _MEDIAN_WIDTH_HZ = 8.0
-"""Width over which the noise floor is taken as a median [Hz]."""
+
+# Consecutive seconds that must agree.
 _MIN_TIME_S = 1.0
-"""Consecutive seconds that must agree."""
+
+# Seconds that a fingerprint covers.
 _MAX_TIME_S = 20.0
-"""Seconds that a fingerprint covers."""
+
+# Noise in a band over the highest line from which it is noise: less may be leakage of a tone.
 _MIN_RELATIVE_NOISE = 2e-5
-"""Noise in a band over the highest line from which it is noise: less may be leakage of a tone."""
+
+# Listed fingerprints that are compared together, which limits the memory.
 _BLOCK_SIZE = 64
-"""Listed fingerprints that are compared together, which limits the memory."""
 
 
 def compute_fingerprints(recording: Recording) -> tuple[str, ...]:

@@ -6,8 +6,8 @@ from operator import itemgetter
 import numpy as np
 from jaxtyping import Int, Shaped
 
+# Classes on one side only, cells on one side only, and distance from the wanted size.
 _Rank = tuple[int, int, float]
-"""Classes on one side only, cells on one side only, and distance from the wanted size."""
 
 
 def select_test_rows(

@@ -23,8 +23,9 @@ from swashtwin.recordings.samples import Columns, Samples
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+# Bytes at the beginning of a store that hold its format name.
 _MAX_HEADER_BYTES = 1 << 16
-"""Bytes at the beginning of a store that hold its format name."""
 
 
 def write_store(

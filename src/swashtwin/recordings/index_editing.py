@@ -12,8 +12,8 @@ from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.index_reading import read_index
 from swashtwin.recordings.index_writing import save_index
 
+# Time between attempts to take the lock: an edit takes about as long.
 _LOCK_POLL_INTERVAL_S = 0.01
-"""Time between attempts to take the lock: an edit takes about as long."""
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,12 @@ from swashtwin.recordings.hdf5_store import is_store
 from swashtwin.recordings.recording import Recording
 
 INDEX_NAME = "recordings.toml"
+
+# Similarity from which a class is proposed for an unknown one: abbreviations differ much.
 _CLASS_SIMILARITY = 0.4
-"""Similarity from which a class is proposed for an unknown one: abbreviations differ much."""
+
+# Characters of a library's error that a message repeats.
 _MAX_REASON_LENGTH = 160
-"""Characters of a library's error that a message repeats."""
 
 
 class _Index(msgspec.Struct, forbid_unknown_fields=True):

@@ -15,12 +15,14 @@ from swashtwin.recordings.hdf5_store import HDF5_SUFFIXES
 from swashtwin.recordings.index_reading import INDEX_NAME, find_index, read_index
 from swashtwin.recordings.recording import Recording, require_unique_ids
 
+# Text around a surrogate, which stands for a byte of a file name that is not UTF-8.
 _INVALID_UNICODE = re.compile(r"[^\"\n]*[\ud800-\udfff][^\"\n]*")
-"""Text around a surrogate, which stands for a byte of a file name that is not UTF-8."""
+
+# Keys that are tables: TOML has them after the plain keys.
 _TABLES = ("fault_of", "defaults", "recording")
-"""Keys that are tables: TOML has them after the plain keys."""
+
+# Digits of a quantity that give the same double when read.
 _EXACT_DIGITS = 15
-"""Digits of a quantity that give the same double when read."""
 
 
 def write_index(

@@ -20,9 +20,10 @@ from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.speed_checks import check_sample_rate, check_specified_speed
 from swashtwin.recordings.window_checks import window_findings
 
+# Samples of all channels up to which a recording is read once for all checks: 134 MB.
 _MAX_LOADED_VALUES = 1 << 24
-"""Samples of all channels up to which a recording is read once for all checks: 134 MB."""
 
+# Attribute that a reader leaves, kind of the note about it, and the beginning of its message.
 _ATTRIBUTE_NOTES = (
     ("text_columns", "left_out", "columns of text or dates were skipped: "),
     ("blank_columns", "left_out", "columns that are blank were skipped: "),
@@ -31,7 +32,6 @@ _ATTRIBUTE_NOTES = (
     ("other_columns", "left_out", "columns of other quantities than vibration were skipped: "),
     ("contradicted", "contradicted", ""),
 )
-"""Attribute that a reader leaves, kind of the note about it, and the beginning of its message."""
 
 
 @dataclass(frozen=True)

@@ -35,12 +35,14 @@ from swashtwin.recordings.scaling import resolve_scaling, vibration_columns
 Facts = dict[str, tuple[str, str]]
 """Value and origin of each fact of one file."""
 
+# Facts that are listed before the others.
 _FIRST_FACTS = ("label", "specimen", "speed", "pressure", "sample_rate", "unit", "channels")
-"""Facts that are listed before the others."""
+
+# Values of a fact that are listed.
 _MAX_LISTED_VALUES = 6
-"""Values of a fact that are listed."""
+
+# Bytes of a text file in which names of other files are searched.
 _MAX_HEAD_BYTES = 1 << 16
-"""Bytes of a text file in which names of other files are searched."""
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import BLOCK_SAMPLES
 from swashtwin.recordings.samples import Samples
 
+# Default of the argument `speed`: None would remove the speed that the samples have.
 _SPEED_OF_SAMPLES: Any = object()
-"""Default of the argument `speed`: None would remove the speed that the samples have."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

@@ -8,14 +8,17 @@ from swashtwin.foundation import DataError
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.specified_facts import specified_pressure, specified_shaft_frequency
 
+# Attributes that state when a recording was made; the first that it has counts.
 _DATE_ATTRIBUTES = ("date", "datetime", "timestamp", "measured", "recorded", "time")
-"""Attributes that state when a recording was made; the first that it has counts."""
+
+# Characters of a date: an attribute of another program may hold anything.
 _MAX_DATE_LENGTH = 40
-"""Characters of a date: an attribute of another program may hold anything."""
+
+# Distinct values up to which all are listed.
 _MAX_LISTED = 3
-"""Distinct values up to which all are listed."""
+
+# Number of pistons above which an attribute is not one.
 _MAX_PISTONS = 99
-"""Number of pistons above which an attribute is not one."""
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,11 @@ from swashtwin.recordings.content_hashes import hash_channels
 from swashtwin.recordings.formats.raw_file import SAMPLE_RATE_RANGE_HZ
 from swashtwin.recordings.samples import Columns, Samples
 
+# Largest denominator of the ratio of rates: the filter of `resample_poly` grows with it.
 _MAX_DENOMINATOR = 1000
-"""Largest denominator of the ratio of rates: the filter of `resample_poly` grows with it."""
+
+# Relative error of the ratio: rounding of the rates.
 _RATE_TOLERANCE = 1e-9
-"""Relative error of the ratio: rounding of the rates."""
 
 
 class Resampled(NamedTuple):

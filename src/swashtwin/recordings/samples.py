@@ -13,8 +13,8 @@ from swashtwin.foundation import DataError, InputError, SwashTwinError, require_
 from swashtwin.recordings.columns import BLOCK_SAMPLES, Column, number_type
 from swashtwin.recordings.content_hashes import hash_channels
 
+# Characters of a library's error that a message repeats.
 _MAX_REASON_LENGTH = 160
-"""Characters of a library's error that a message repeats."""
 
 
 @dataclass(frozen=True)

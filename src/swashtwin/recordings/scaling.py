@@ -13,21 +13,23 @@ from swashtwin.recordings.formats.sample_units import (
     require_sample_unit,
 )
 
+# Names of channels that are not vibration, in English and German.
+#
+# A tachometer is not among them, because commands follow it.
 _OTHER_QUANTITY = re.compile(
     r"(?:^|[^a-z])(?:temp|temperatur|temperature|druck|pressure|drehzahl|rpm|speed|flow|durchfluss|"
     r"torque|drehmoment|case[ _-]?drain|leck(?:öl)?)(?:[^a-z]|$)",
     re.IGNORECASE,
 )
-"""Names of channels that are not vibration, in English and German.
 
-A tachometer is not among them, because commands follow it.
-"""
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _BARE_NUMBER = re.compile(r"[\d.eE+-]+")
 _COUNT = r"(?i:counts?|cts?|lsb|digits?|bits?|fs|full[ _-]?scale)"
 _ELECTRIC = r"[nmuµμ]?V|[pn]C|[muµμ]?A"
+
+# Units of numbers that a sensitivity scales.
 _SENSED_UNIT = re.compile(rf"{_ELECTRIC}|1|{_COUNT}")
-"""Units of numbers that a sensitivity scales."""
+
 _SENSITIVITY_FORMS = (
     '"99.7 mV/g" for channels in volts, "0.488 mg/count" or "0.1 g" for one unit of the file'
 )

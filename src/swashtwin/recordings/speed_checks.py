@@ -12,36 +12,46 @@ from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.specified_facts import specified_shaft_frequency
 
 _HARMONICS = 10
+
+# Amplitude of a line over the median around it (16 dB).
 _MIN_LINE_RATIO = 6.0
-"""Amplitude of a line over the median around it (16 dB)."""
+
+# Amplitude of a line over the highest one: weaker ones are leakage of it.
 _MIN_RELATIVE_LINE = 0.02
-"""Amplitude of a line over the highest one: weaker ones are leakage of it."""
+
+# Bins around a line in which it must be the highest: a Hann window spreads it over four.
 _LINE_DISTANCE_BINS = 7
-"""Bins around a line in which it must be the highest: a Hann window spreads it over four."""
+
+# Bins over which the median around a line is taken.
 _BACKGROUND_BINS = 101
-"""Bins over which the median around a line is taken."""
+
+# Bins between a line and a harmonic up to which they agree.
 _MAX_LINE_ERROR_BINS = 1.5
-"""Bins between a line and a harmonic up to which they agree."""
+
+# Relative distance from the specified speed up to which another one is searched for.
+#
+# Not more, because the neighbors of a nine-piston line lie 1/9 away.
 _SPEED_SEARCH = 0.09
-"""Relative distance from the specified speed up to which another one is searched for.
 
-Not more, because the neighbors of a nine-piston line lie 1/9 away.
-"""
+# Relative error that a specified speed may have.
 _SPEED_TOLERANCE = 0.02
-"""Relative error that a specified speed may have."""
-_MIN_SAMPLE_RATE_HZ = 200.0
-"""Lowest sample rate of accelerometers."""
-_MAX_SAMPLE_RATE_HZ = 250e3
-"""Highest sample rate of accelerometers.
 
-The two lie less than a factor of 1250 apart, so that kHz mistaken for Hz are noticed.
-"""
+# Lowest sample rate of accelerometers.
+_MIN_SAMPLE_RATE_HZ = 200.0
+
+# Highest sample rate of accelerometers.
+#
+# The two lie less than a factor of 1250 apart, so that kHz mistaken for Hz are noticed.
+_MAX_SAMPLE_RATE_HZ = 250e3
+
+# Revolutions from which lines are searched for: fewer do not resolve the speed.
 _MIN_TURNS = 50
-"""Revolutions from which lines are searched for: fewer do not resolve the speed."""
+
+# Samples in which lines are searched for, if they hold 1.2 times `_MIN_TURNS` revolutions.
 _MAX_SEARCH_SAMPLES = 1 << 20
-"""Samples in which lines are searched for, if they hold 1.2 times `_MIN_TURNS` revolutions."""
+
+# Samples in a turn below which a signal hardly holds the shaft's own line.
 _MIN_SAMPLES_PER_TURN = 4.0
-"""Samples in a turn below which a signal hardly holds the shaft's own line."""
 
 
 def check_specified_speed(

@@ -9,17 +9,19 @@ from swashtwin.recordings.findings import Finding
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.specified_facts import specified_shaft_frequency
 
+# Time [s] that a default window spans, so that a spectrum resolves the shaft's orders.
+#
+# It is rounded down to a power of two: at 25.6 kHz to 8192 samples.
 _MIN_WINDOW_TIME_S = 0.33
-"""Time [s] that a default window spans, so that a spectrum resolves the shaft's orders.
 
-It is rounded down to a power of two: at 25.6 kHz to 8192 samples.
-"""
+# Samples of a default window in long recordings.
 _MIN_LONG_WINDOW = 8192
-"""Samples of a default window in long recordings."""
+
+# Samples of a default window in short recordings.
 _MIN_WINDOW = 256
-"""Samples of a default window in short recordings."""
+
+# Windows that the median recording holds, so that there is something to learn from.
 _MIN_WINDOWS = 4
-"""Windows that the median recording holds, so that there is something to learn from."""
 
 
 def window_findings(

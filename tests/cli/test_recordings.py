@@ -56,7 +56,7 @@ def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(
     line = one_line(
         run(*command.split(), folder / "normal_1.csv", "--sample-rate", "2 kHz", *out, code=3)
     )
-    assert 'Set --unit "g"' in line
+    assert "Set --unit g" in line
     (folder / "recordings.toml").write_text('format = 1\n[[recording]]\nfile = "normal_1.csv"\n')
     said = run(*command.split(), folder, *out, code=3)
     assert 'Set sample_rate = "25.6 kHz"' in (
@@ -77,7 +77,7 @@ def test_findings_of_many_recordings_are_said_once_by_kind(tmp_path: Path) -> No
     assert "2 more rows: --json has them." in short
     assert "normal_5MPa_3, x: every sample is" in short
     assert "normal_5MPa_4, x" not in short
-    assert "(constant in 1 more recordings: --json)" in short
+    assert "(constant in 1 more recordings)" in short
     assert len(run_json("inspect", tmp_path, code=3)["recordings"]) == 26
 
 

@@ -72,7 +72,7 @@ def test_names_of_machines_become_names_that_every_system_takes() -> None:
 def test_a_file_whose_name_is_no_unicode_is_refused_by_name(tmp_path: Path) -> None:
     index = {"format": 1, "recording": [{"file": "Pr\udcfcfung_1.csv"}]}
     with pytest.raises(
-        DataError, match=r"'Pr\\udcfcfung_1.csv' is no name in Unicode.*rename the file"
+        DataError, match=r"'Pr\\udcfcfung_1.csv' is not valid Unicode.*rename the file"
     ):
         save_index(index, tmp_path / "recordings.toml")
 

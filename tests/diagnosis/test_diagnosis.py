@@ -316,7 +316,9 @@ def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(
     cut = run(*words[:2], tmp_path / "short.h5", tmp_path / "brief.h5", code=4)
     assert "note: in 2 recordings (short, brief): no verdict: it has 79 samples" in cut.output
     (tmp_path / "healthy.csv").touch()
-    assert "is not an index" in run(*words[:3], "--healthy", tmp_path / "healthy.csv", code=2).output
+    assert (
+        "is not an index" in run(*words[:3], "--healthy", tmp_path / "healthy.csv", code=2).output
+    )
 
     def explain_late(*arguments):
         (tmp_path / "good.h5").unlink()

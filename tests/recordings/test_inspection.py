@@ -187,7 +187,7 @@ def test_a_rate_in_khz_that_was_given_as_hz_or_the_other_way_is_a_warning(
     findings = inspect_recording(replace(good(), sample_rate=rate, unit=unit)).findings
     (finding,) = [finding for finding in findings if finding.kind == "rate"]
     assert finding.severity == "warning"
-    assert f'if {meant} was meant, set sample_rate = "{meant}".' in finding.message
+    assert f'If {meant} was meant, set sample_rate = "{meant}".' in finding.describe()
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Commands of recordings: index, inspect, check, and of the group data convert and split."""
 
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -30,10 +29,11 @@ from swashtwin.cli.options import (
     Window,
     read_pairs,
     reads_files,
+    spell_as_option,
 )
 from swashtwin.cli.outputs import Force, require_output
-from swashtwin.cli.sources import by_options, is_collection, load_sources, single_file_options
-from swashtwin.foundation import plural
+from swashtwin.cli.sources import is_collection, load_sources
+from swashtwin.foundation import Spelling, plural, spell_for_index
 
 if TYPE_CHECKING:
     from swashtwin.learning import DataCheck
@@ -91,7 +91,7 @@ def index(
 
     # A progress bar would overwrite the questions.
     is_interactive = not as_json and sys.stdin.isatty()
-    with nullcontext() if is_interactive else progress("reading files"), single_file_options():
+    with nullcontext() if is_interactive else progress("reading files"):
         proposal = propose_index(
             folder,
             label_pattern=label_pattern,
@@ -151,14 +151,13 @@ def inspect(
 
     has_index = any(is_collection(path, {}) for path in paths)
     result = {**report.to_dict(), "has_errors": report.has_errors}
-    print_result(
-        result, as_json, lambda: _print_inspection(report, str if has_index else by_options)
-    )
+    spelling = spell_for_index if has_index else spell_as_option
+    print_result(result, as_json, lambda: _print_inspection(report, spelling))
     if report.has_errors:
         raise typer.Exit(BAD_DATA)
 
 
-def _print_inspection(report: "InspectionReport", reword: Callable[[str], str]) -> None:
+def _print_inspection(report: "InspectionReport", spelling: Spelling) -> None:
     rows: list[tuple[object, ...]] = []
     for recording in report.recordings:
         rate = recording.sample_rate
@@ -189,9 +188,9 @@ def _print_inspection(report: "InspectionReport", reword: Callable[[str], str]) 
     )
     print_rows(plural(len(report.recordings), "recording"), header, rows)
 
-    findings = report.merged(by_kind=len(rows) > MAX_ROWS)
+    findings = report.merged(by_kind=len(rows) > MAX_ROWS, spelling=spelling)
     for severity, text in findings:
-        print_text(f"{severity}: {reword(text)}")
+        print_text(f"{severity}: {text}")
     if not findings:
         print_text("No defect detected.")
 

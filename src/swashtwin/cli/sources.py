@@ -1,49 +1,16 @@
 """Recordings that the arguments of a command name."""
 
-import re
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from swashtwin.cli.console import print_note
-from swashtwin.cli.options import LAYOUT, READING, option_name, spell_as_option
-from swashtwin.foundation import SwashTwinError
+from swashtwin.cli.options import LAYOUT, option_name
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Finding, Recording
-
-
-@contextmanager
-def single_file_options() -> Iterator[None]:
-    """Within it, errors that advise to edit the index name the options of a single file instead."""
-    try:
-        yield
-    except SwashTwinError as cause:
-        raise type(cause)(by_options(cause.describe(spell_as_option))) from cause
-
-
-def by_options(text: str) -> str:
-    """A message that advises to edit the index, with the options of a single file instead."""
-    text = re.sub(rf"\b({'|'.join(LAYOUT)}) = (\d+|\"[^\"]*\")", _read_option, text)
-    keys = rf"\b({'|'.join(READING)}) = (?=[\"'\[\d])"
-    text = re.sub(keys, lambda match: f"--{match[1].replace('_', '-')} ", text)
-    text = text.replace("the index says", "the option says").replace(
-        "correct the index", "correct the option"
-    )
-    return text.replace("remove unit,", "leave out --unit,").replace(
-        "--channels [...]", "--channels NAME"
-    )
-
-
-def _read_option(match: re.Match[str]) -> str:
-    """``--read decimal=,`` of ``decimal = ","``, quoted where the shell needs it."""
-    value = match[2].strip('"')
-    pair = f"{match[1]}={value}"
-    return f"--read {pair}" if value.isalnum() else f'--read "{pair}"'
 
 
 def load_sources(
@@ -68,8 +35,7 @@ def load_sources(
         if is_collection(path, facts):
             loaded = load_recordings(path, unreadable=unreadable)
         else:
-            with single_file_options():
-                loaded = load_recordings(path, **facts)
+            loaded = load_recordings(path, **facts)
 
             # An inspection reports a contradiction itself.
             contradiction = loaded[0].attributes.get("contradicted")

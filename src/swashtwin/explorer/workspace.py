@@ -10,7 +10,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -257,7 +257,7 @@ class Workspace:
         try:
             recording = recording or self._open_entry(row)
             (report,) = inspect_recordings([recording]).recordings
-            findings = [asdict(finding) for finding in report.findings]
+            findings = [finding.to_dict() for finding in report.findings]
             rms = _sparkline(recording)
             state = "ready"
         except (SwashTwinError, OSError) as cause:
@@ -279,7 +279,7 @@ class Workspace:
             return []
         try:
             return [
-                asdict(finding) for finding in inspect_recordings(Recordings(recordings)).findings
+                finding.to_dict() for finding in inspect_recordings(Recordings(recordings)).findings
             ]
         except (SwashTwinError, OSError) as cause:
             return [_finding("comparison", "warning", cause)]

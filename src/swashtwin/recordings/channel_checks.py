@@ -50,7 +50,7 @@ def require_usable(recording: Recording) -> None:
         source_name = recording.recording_id
         if finding.channel is not None:
             source_name = f"{source_name}, {finding.channel}"
-        raise DataError(f"{source_name}: {finding.message}")
+        raise DataError(f"{source_name}: {finding.message}", remedy=finding.remedy)
 
 
 def find_unusable(

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+from swashtwin.foundation import Spelling, render_settings, spell_for_index
 
 Severity = Literal["error", "warning", "note"]
 
@@ -19,6 +21,23 @@ class Finding:
     """Channel that it concerns, or None if it concerns all."""
     message: str
     """Sentence with the numbers."""
+    remedy: str = ""
+    """Sentence that states what to do, with settings in braces (`foundation.render_settings`)."""
+
+    def describe(self, spelling: Spelling = spell_for_index) -> str:
+        """Return message and remedy, with settings spelled for the reader."""
+        if not self.remedy:
+            return self.message
+        return f"{self.message} {render_settings(self.remedy, spelling)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the finding as a dict, with its remedy in the message."""
+        return {
+            "kind": self.kind,
+            "severity": self.severity,
+            "channel": self.channel,
+            "message": self.describe(),
+        }
 
 
 def join_names(names: Sequence[str], max_count: int = 3) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from swashtwin.foundation import plural
+from swashtwin.foundation import Spelling, plural, spell_for_index
 from swashtwin.recordings.channel_checks import check_channels, find_unusable
 from swashtwin.recordings.channel_statistics import ChannelStatistics, compute_channel_statistics
 from swashtwin.recordings.dataset_checks import (
@@ -69,6 +69,10 @@ class RecordingReport:
     findings: tuple[Finding, ...]
     """Problems of the recording."""
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as a dict."""
+        return {**asdict(self), "findings": [finding.to_dict() for finding in self.findings]}
+
 
 @dataclass(frozen=True)
 class InspectionReport:
@@ -92,21 +96,26 @@ class InspectionReport:
             findings.extend(report.findings)
         return any(finding.severity == "error" for finding in findings)
 
-    def merged(self, *, by_kind: bool) -> tuple[tuple[Severity, str], ...]:
+    def merged(
+        self, *, by_kind: bool, spelling: Spelling = spell_for_index
+    ) -> tuple[tuple[Severity, str], ...]:
         """Return (severity, sentence) of each finding, equal ones of several recordings as one.
 
         Parameters
         ----------
         by_kind : whether findings of one kind become one sentence too, that of the first.
+        spelling : how settings are written for the reader.
         """
         groups: dict[tuple[str, str, str], list[tuple[str, Finding]]] = {}
         for report in self.recordings:
             for finding in report.findings:
-                key = (finding.severity, finding.kind, "" if by_kind else finding.message)
+                key = (finding.severity, finding.kind, "" if by_kind else finding.describe())
                 groups.setdefault(key, []).append((report.recording_id, finding))
 
-        sentences = [(group[0][1].severity, _merge_group(group)) for group in groups.values()]
-        sentences += [(finding.severity, finding.message) for finding in self.findings]
+        sentences = [
+            (group[0][1].severity, _merge_group(group, spelling)) for group in groups.values()
+        ]
+        sentences += [(finding.severity, finding.describe(spelling)) for finding in self.findings]
         return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:
@@ -114,27 +123,30 @@ class InspectionReport:
 
         The range of a channel without a finite sample is NaN.
         """
-        return asdict(self)
+        return {
+            "recordings": [report.to_dict() for report in self.recordings],
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
 
 
-def _merge_group(group: Sequence[tuple[str, Finding]]) -> str:
+def _merge_group(group: Sequence[tuple[str, Finding]], spelling: Spelling) -> str:
     """Return one sentence for findings of one kind, each with the id of its recording."""
     first_id, first = group[0]
     ids = list(dict.fromkeys(recording_id for recording_id, _ in group))
 
-    if all(finding.message == first.message for _, finding in group):
+    if all(finding.describe() == first.describe() for _, finding in group):
         channels = ", ".join(dict.fromkeys(f.channel for _, f in group if f.channel))
         source_name = f"in {len(ids)} recordings ({join_names(ids)})" if len(ids) > 1 else first_id
         suffix = ""
     else:
         channels = first.channel or ""
         source_name = first_id
-        more = f" ({first.kind} in {len(ids) - 1} more recordings: --json)"
+        more = f" ({first.kind} in {len(ids) - 1} more recordings)"
         suffix = more if len(ids) > 1 else ""
 
     if channels:
         source_name = f"{source_name}, {channels}"
-    return f"{source_name}: {first.message}{suffix}"
+    return f"{source_name}: {first.describe(spelling)}{suffix}"
 
 
 def inspect_recordings(

@@ -76,11 +76,13 @@ def check_specified_speed(
         if spacing is not None:
             message = (
                 f"lines at multiples of {spacing:.3f} Hz ({spacing * 60:.0f} rev/min) and none at "
-                f"the specified {shaft * 60:.0f} rev/min ({shaft:.3f} Hz); set "
-                f'speed = "{spacing * 60:.0f} rpm", or, if the speed is right, '
-                f'sample_rate = "{rate * shaft / spacing:.5g} Hz".'
+                f"the specified {shaft * 60:.0f} rev/min ({shaft:.3f} Hz)."
             )
-            return [Finding("speed", "warning", name, message)]
+            remedy = (
+                f"Set {{speed='{spacing * 60:.0f} rpm'}} or, if the speed is right, "
+                f"{{sample_rate='{rate * shaft / spacing:.5g} Hz'}}."
+            )
+            return [Finding("speed", "warning", name, message, remedy)]
     return []
 
 
@@ -102,11 +104,9 @@ def check_sample_rate(recording: Recording) -> list[Finding]:
     else:
         return []
 
-    message = (
-        f"the sample rate is {rate:g} Hz, and {reason}; if {intended_rate} was meant, "
-        f'set sample_rate = "{intended_rate}".'
-    )
-    return [Finding("rate", "warning", None, message)]
+    message = f"the sample rate is {rate:g} Hz, but {reason}."
+    remedy = f"If {intended_rate} was meant, set {{sample_rate='{intended_rate}'}}."
+    return [Finding("rate", "warning", None, message, remedy)]
 
 
 def _find_other_spacing(row: Float[np.ndarray, " time"], rate: float, shaft: float) -> float | None:

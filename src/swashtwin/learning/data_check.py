@@ -31,13 +31,16 @@ State = Literal["yes", "partly", "no"]
 Answer = tuple[State, str]
 """Whether the recordings suffice for a use, and the reason."""
 
+# Share of the recordings that a test takes by default.
 _TEST_FRACTION = 0.2
-"""Share of the recordings that a test takes by default."""
+
+# Recordings left after a test below which no confidence is calibrated.
 _MIN_LEFT_RECORDINGS = 4
-"""Recordings left after a test below which no confidence is calibrated."""
+
 _DETECTION = "detection from healthy recordings alone"
+
+# Revolutions that a calibration needs to resolve orders.
 _CALIBRATION_TURNS = 16
-"""Revolutions that a calibration needs to resolve orders."""
 
 
 @dataclass(frozen=True)

@@ -235,8 +235,9 @@ N_STRETCHES = 16
 """Stretches from which a longer recording is described."""
 STRETCH_SAMPLES = 1 << 20
 """Samples of all channels in each stretch."""
+
+# Indicators whose squares are averaged, because they are roots of powers.
 _POWER_INDICATORS = ("velocity_rms", "band_rms", "order_amplitude", "envelope_amplitude")
-"""Indicators whose squares are averaged, because they are roots of powers."""
 
 
 def summarize_long_recording(

@@ -21,8 +21,8 @@ from swashtwin.signals.waveform_statistics import recording_statistics
 
 _BAND = re.compile(r"([0-9]+\.?[0-9]*)\s*-\s*([0-9]+\.?[0-9]*)\s*(Hz|kHz|x)")
 
+# Factor and unit in which people read a quantity; files and JSON are in SI units.
 _SHOWN = {"m/s": (1000.0, "mm/s")}
-"""Factor and unit in which people read a quantity; files and JSON are in SI units."""
 
 
 @dataclass(frozen=True)

@@ -86,12 +86,13 @@ MIN_AUDIBLE_SHARE = 0.3
 [estimate].
 """
 _MIN_POWER = 1e-30
+
+# Windows this much farther from the twin's pressure than the nearest ones still lend noise.
 _PRESSURE_MARGIN_PA = 1e4
-"""Windows this much farther from the twin's pressure than the nearest ones still lend noise."""
+
+# Spectral lines on each side of a piston-pass line that it may leak into: the main lobe of a Hann
+# taper has a half-width of two.
 _LINE_HALF_WIDTH = 2.5
-"""Spectral lines on each side of a piston-pass line that it may leak into: the main lobe of a Hann
-taper has a half-width of two.
-"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,19 +19,21 @@ from swashtwin.foundation import DataError, InputError, derive_seed
 from swashtwin.learning import WindowSet, feature_names, feature_values
 from swashtwin.signals import power_density
 
+# Folds of the discriminator; fewer if there are fewer measured or synthetic recordings.
 _MAX_FOLDS = 5
-"""Folds of the discriminator; fewer if there are fewer measured or synthetic recordings."""
+
+# Number of distinguishing features that are reported.
 _N_NAMED_FEATURES = 5
-"""Number of distinguishing features that are reported."""
+
 _MIN_POWER = 1e-30
+
+# Distance of a spectral line from the piston-pass lines, in their spacing, from which it belongs to
+# the floor between them.
 _MIN_FLOOR_DISTANCE = 0.3
-"""Distance of a spectral line from the piston-pass lines, in their spacing, from which it belongs
-to the floor between them.
-"""
+
+# Half the sample rate over the highest usable frequency: above it the anti-aliasing filter of an
+# instrument acts.
 _BAND_OF_SAMPLE_RATE = 1.28
-"""Half the sample rate over the highest usable frequency: above it the anti-aliasing filter of an
-instrument acts.
-"""
 
 
 @dataclass(frozen=True)

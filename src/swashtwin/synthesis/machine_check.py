@@ -12,12 +12,14 @@ from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, is_healthy
 from swashtwin.recordings import Recording, specified_pressure, specified_shaft_frequency
 
+# Recordings whose lines are examined, healthy ones first.
 _MAX_EXAMINED = 3
-"""Recordings whose lines are examined, healthy ones first."""
+
+# Turns of the shaft that a recording needs for its lines to be separated.
 _MIN_TURNS = 12
-"""Turns of the shaft that a recording needs for its lines to be separated."""
+
+# Relative deviation of a piston count from a whole number.
 _PISTON_COUNT_TOLERANCE = 0.03
-"""Relative deviation of a piston count from a whole number."""
 
 
 def require_same_machine(

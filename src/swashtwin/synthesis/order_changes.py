@@ -14,10 +14,11 @@ from swashtwin.signals import OrderBands
 from swashtwin.synthesis.pump_prior import OTHER, PumpPrior, draw_drawing
 from swashtwin.synthesis.virtual_pump import CELLS, VirtualPump
 
+# Healthy recordings of a virtual pump, of which one to all are its reference.
 _REFERENCES = 4
-"""Healthy recordings of a virtual pump, of which one to all are its reference."""
+
+# Classes of the recordings of a virtual pump that are compared with its references.
 _TESTED = ("normal", "normal", *(label for label in CLASSES if label != "normal"), OTHER)
-"""Classes of the recordings of a virtual pump that are compared with its references."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -289,6 +289,7 @@ def plausible_fault(label: str, rng: np.random.Generator) -> Fault | None:
     return None
 
 
+# Kinds of trouble that the four classes do not contain.
 _OTHER_KINDS = (
     "sealing_land",
     "loose_slipper",
@@ -298,9 +299,10 @@ _OTHER_KINDS = (
     "bearing",
     "unbalance",
 )
-"""Kinds of trouble that the four classes do not contain."""
+
+# Probability of each kind [estimate].
 _OTHER_SHARES = (0.15, 0.15, 0.1, 0.25, 0.1, 0.15, 0.1)
-"""Probability of each kind [estimate]."""
+
 _ALONG_SLIPPERS, _ACROSS_BORE, _ALONG_VALVE_PLATE = range(3)
 """Directions of `Impacts`."""
 

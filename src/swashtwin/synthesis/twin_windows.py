@@ -45,12 +45,13 @@ Values = Literal["drawn", "calibrated", "nominal"]
 """Interface values of synthetic windows: draws of a calibration's posterior, its estimates, or the
 nominal values.
 """
+
+# Windows simulated at once: it limits memory, and Ctrl-C is handled between chunks.
 _CHUNK = 64
-"""Windows simulated at once: it limits memory, and Ctrl-C is handled between chunks."""
+
+# Sample rate over bandwidth: above half the rate over 1.28 an instrument's anti-aliasing filter
+# acts.
 _BANDWIDTH_OF_SAMPLE_RATE = 2.56
-"""Sample rate over bandwidth: above half the rate over 1.28 an instrument's anti-aliasing filter
-acts.
-"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

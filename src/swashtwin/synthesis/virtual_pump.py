@@ -28,14 +28,16 @@ from swashtwin.synthesis.pump_prior import (
 
 CELLS = 8
 """Cells of a spectrum from order to order: segments are eight turns long."""
+
+# Segments whose spectra a recording averages: 4 s at 14 turns a second hold 13 that overlap by
+# half.
 _AVERAGES = 12
-"""Segments whose spectra a recording averages: 4 s at 14 turns a second hold 13 that overlap by
-half.
-"""
+
+# Minimum factor on a piston's clearance: a normal draw could close the gap.
 _MIN_CLEARANCE = 0.3
-"""Minimum factor on a piston's clearance: a normal draw could close the gap."""
+
+# Angles of a piston at which the force on it changes its sign.
 _FORCE_REVERSALS_DEG = (8.0, 188.0)
-"""Angles of a piston at which the force on it changes its sign."""
 
 
 @dataclass(eq=False)

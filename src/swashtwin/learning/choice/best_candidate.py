@@ -21,8 +21,8 @@ from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import Manifest
 
+# Recordings of one machine from which a confidence is learned from it alone.
 _MIN_MACHINE_RECORDINGS = 20
-"""Recordings of one machine from which a confidence is learned from it alone."""
 
 
 def fit_best_candidate(

@@ -35,8 +35,9 @@ TEST_GAIN_DB = 12.0
 TEST_STRETCH = 0.02
 """Largest relative change of speed of the disturbed test sides."""
 _NOISE_KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
+
+# Rounding of a score that is exactly one standard error below the best.
 _TIE_TOLERANCE = 1e-12
-"""Rounding of a score that is exactly one standard error below the best."""
 
 Progress = Callable[[str, int, int], None]
 """Called with (activity, finished, total)."""

@@ -21,10 +21,11 @@ from swashtwin.learning.training.confidence import (
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import describe_copies, find_copies, join_manifests
 
+# Default error rate of a cross-fitted confidence with enough recordings.
 _ERROR_RATE = 0.1
-"""Default error rate of a cross-fitted confidence with enough recordings."""
+
+# Bins of the expected calibration error over recordings, which are fewer than windows.
 _N_CALIBRATION_BINS = 10
-"""Bins of the expected calibration error over recordings, which are fewer than windows."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -439,8 +439,8 @@ def _cells(test: WindowSet, is_right: Bool[np.ndarray, " window"]) -> tuple[Cell
     return tuple(scores)
 
 
+# Scores that count fewer classes than declared, or are NaN, if a class has no test window.
 _NEED_ALL_CLASSES = ("macro_recall", "macro_f1", "macro_auroc", "g_mean", "g_mean_laplace")
-"""Scores that count fewer classes than declared, or are NaN, if a class has no test window."""
 
 
 def _reasons(

@@ -10,10 +10,12 @@ from swashtwin.recordings import Recording, specified_pressure, specified_shaft_
 Point = tuple[str | float | None, ...]
 """Specimen, speed [rad/s] and pressure [Pa]; None for what is not specified."""
 
+# Facts of a point, and the relative difference up to which two are the same.
 _FACTS = (("specimen", 0.0), ("speed", SPEED_TOLERANCE), ("pressure", PRESSURE_TOLERANCE))
-"""Facts of a point, and the relative difference up to which two are the same."""
+
+# Index of the speed among the facts.
 _SPEED = 1
-"""Index of the speed among the facts."""
+
 MAX_LISTED = 6
 """Points that a message lists."""
 

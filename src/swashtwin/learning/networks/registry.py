@@ -227,13 +227,13 @@ def checked_settings(kind: Any, settings: dict[str, Any]) -> dict[str, Any]:
     return checked
 
 
+# Values that a setting takes by the type of its default; bool comes first, as it is an int too.
 _KINDS: dict[type, tuple[Any, str]] = {
     bool: (bool, "true or false"),
     int: (Integral, "a whole number"),
     float: (Real, "a number"),
     str: (str, "a word"),
 }
-"""Values that a setting takes by the type of its default; bool comes first, as it is an int too."""
 
 
 def _check_value(setting: str, value: Any, default: Any) -> Any:

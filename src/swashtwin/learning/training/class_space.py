@@ -45,18 +45,21 @@ def shrinkage(
     return np.asarray(shrunk), float(share * mean)
 
 
+# Added to each variance, because classes of one recording have none.
 _MIN_VARIANCE = 1e-6
-"""Added to each variance, because classes of one recording have none."""
+
+# Share of the variance between classes that is assumed equal in every direction.
 _NEW_CLASS_SHARE = 0.1
-"""Share of the variance between classes that is assumed equal in every direction."""
+
+# Share of the variance between machines that is assumed equal in every direction.
 _MACHINE_SHARE = 0.5
-"""Share of the variance between machines that is assumed equal in every direction."""
+
+# Recordings of each class and operating point, on average, from which the offsets of the operating
+# points are estimated.
 _MIN_RECORDINGS_PER_CELL = 2
-"""Recordings of each class and operating point, on average, from which the offsets of the operating
-points are estimated.
-"""
+
+# Share of the largest eigenvalue below which a direction is rounding.
 _SPAN_TOLERANCE = 1e-10
-"""Share of the largest eigenvalue below which a direction is rounding."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -184,8 +184,8 @@ class Confidence:
         return np.asarray((1 + n_higher) / (self.n_recordings + 1), dtype=np.float64)
 
 
+# Guards whole numbers such as 1 / 0.1 against rounding up.
 _ROUNDING = 1e-9
-"""Guards whole numbers such as 1 / 0.1 against rounding up."""
 
 
 def min_validation_recordings(error_rate: float) -> int:
@@ -286,10 +286,11 @@ def nonconformity_scores(
     return np.asarray(-np.log(np.maximum(probability, 1e-300)), dtype=np.float64)
 
 
+# Bounds of the temperature.
 _TEMPERATURES = (0.05, 100.0)
-"""Bounds of the temperature."""
+
+# Dependences that the search starts from; it stays at the first if no recording has two windows.
 _STARTS = (1.0, 0.1)
-"""Dependences that the search starts from; it stays at the first if no recording has two windows."""
 
 
 def pooled_probabilities(

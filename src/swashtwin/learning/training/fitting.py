@@ -32,8 +32,8 @@ class RepresentedWindows:
     """Index of the window behind each row of `values`."""
 
 
+# Magnitude of a sample from which the power of a window is not finite in single precision.
 _MAX_SAMPLE = 1e16
-"""Magnitude of a sample from which the power of a window is not finite in single precision."""
 
 
 def fit(

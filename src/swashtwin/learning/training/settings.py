@@ -22,13 +22,14 @@ DECAYS = ("none", "cosine")
 PRECISIONS = ("float32", "bfloat16")
 """Number formats of the network in training."""
 
+# Settings that are written only if they differ from their defaults.
 _OMITTED_DEFAULTS = ("noise_snr", "noise_kinds", "noise_share", "gain", "stretch", "precision")
-"""Settings that are written only if they differ from their defaults."""
 
+# Largest relative change of speed of what is still the same machine.
 _MAX_STRETCH = 0.2
-"""Largest relative change of speed of what is still the same machine."""
+
+# Largest change of gain of what is still the same sensor.
 _MAX_GAIN_DB = 40.0
-"""Largest change of gain of what is still the same sensor."""
 
 
 @dataclass(frozen=True)
@@ -188,8 +189,9 @@ class Epoch:
 
 NOISE_SNR_RANGE_DB = 25.0
 """Width of the range of signal-to-noise ratios [dB], above the minimum."""
+
+# Share of the windows of an epoch that each of these transforms changes.
 _GAIN_AND_STRETCH_SHARE = 0.5
-"""Share of the windows of an epoch that each of these transforms changes."""
 
 Samples = Float32[np.ndarray, "window channel time"]
 

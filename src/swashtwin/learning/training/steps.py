@@ -12,8 +12,8 @@ from swashtwin.foundation import TorchStream
 from swashtwin.learning.networks.network import Network, batches
 from swashtwin.learning.training.settings import TrainingSettings
 
+# Steps before a capture, in which libraries select their kernels and allocate memory.
 _WARM_UP = 3
-"""Steps before a capture, in which libraries select their kernels and allocate memory."""
 
 
 def is_replayed(network: Network, device: str) -> bool:

@@ -29,23 +29,30 @@ ERROR_RATE = 0.05
 _QUIETEST_SHARE = 0.1
 _STRONGEST_SHARE = 0.02
 _MIN_SPREAD_DB = 1.0
+
+# Minimum spreads that a difference is divided by: few recordings may agree by chance.
 _MIN_BAND_SPREAD_DB = 3.0
-"""Minimum spreads that a difference is divided by: few recordings may agree by chance."""
+
+# Difference below which a fact is not reported: it would be rounded to 0 dB.
 _MIN_EXCESS_DB = 0.5
-"""Difference below which a fact is not reported: it would be rounded to 0 dB."""
+
 _MIN_POWER = 1e-30
+
+# Offset over variance below which it counts as this much.
 _MIN_OFFSET = 1e-2
-"""Offset over variance below which it counts as this much."""
+
+# Limits of the share of a channel that no other one explains: up to a correlation of 0.95 channels
+# count as independent.
 _UNEXPLAINED_SHARE = (1e-4, 0.1)
-"""Limits of the share of a channel that no other one explains: up to a correlation of 0.95 channels
-count as independent.
-"""
+
+# Training recordings from which the rate of recordings outside their range is known.
 _MIN_RECORDINGS = 5
-"""Training recordings from which the rate of recordings outside their range is known."""
+
+# Distance from the range of fewer recordings that is reported.
 _FALLBACK_EXCESS_DB = 10.0
-"""Distance from the range of fewer recordings that is reported."""
+
+# Two channels are swapped if exchanging them at least halves their distances.
 _MIN_SWAP_RATIO = 0.5
-"""Two channels are swapped if exchanging them at least halves their distances."""
 
 
 @dataclass(frozen=True)
@@ -222,11 +229,13 @@ MAX_RECORDINGS = 500
 order of their ids.
 """
 
+# Share of the held-out training recordings whose distance is above 1.
 _FAR_SHARE = 0.1
-"""Share of the held-out training recordings whose distance is above 1."""
+
 _N_FOLDS = 10
+
+# Windows of a recording from which its facts are computed, evenly spaced.
 _MAX_WINDOWS = 20
-"""Windows of a recording from which its facts are computed, evenly spaced."""
 
 
 @dataclass(frozen=True, eq=False)

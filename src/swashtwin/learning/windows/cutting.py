@@ -23,8 +23,8 @@ from swashtwin.recordings import (
     window_findings,
 )
 
+# Samples of all channels up to which a recording is read once and kept in memory while it is cut.
 _MAX_SAMPLES_IN_MEMORY = 1 << 21
-"""Samples of all channels up to which a recording is read once and kept in memory while it is cut."""
 
 
 def cut_windows(

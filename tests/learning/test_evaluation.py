@@ -219,7 +219,7 @@ def test_the_level_follows_from_machines_and_operating_points() -> None:
     reference = TrainingReference(
         recording_id=("a", "b"), label=("normal", "piston"), specimen=("A", "A"),
         condition=np.array([[at_5.speed, at_5.discharge_pressure]] * 2),
-        features=np.zeros((2, 1), np.float32), facts=np.zeros((2, 1, 1)),
+        features=np.zeros((2, 1), np.float32), statistics=np.zeros((2, 1, 1)),
     )  # fmt: skip
 
     def some(specimen: str | None, condition: OperatingCondition | None) -> Recording:

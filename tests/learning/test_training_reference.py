@@ -15,8 +15,8 @@ from swashtwin.learning import (
     TrainingReference,
     WindowSet,
     cut_windows,
-    outside_facts,
-    signal_facts,
+    deviating_statistics,
+    signal_statistics,
 )
 from swashtwin.learning.features import reference_features
 from swashtwin.learning.training.class_space import fit_class_space
@@ -42,7 +42,7 @@ def reference_of(
             specimen=tuple(specimen.tolist()),
             condition=np.full((len(features), 2), np.nan),
             features=features.astype(np.float32),
-            facts=np.zeros((len(features), 1, 19)),
+            statistics=np.zeros((len(features), 1, 19)),
         )
     )
 
@@ -175,7 +175,7 @@ def classifier() -> SimpleNamespace:
 
 def reasons(classifier: SimpleNamespace, **changes) -> tuple[str, ...]:
     new = windows(recording("E9", **changes))
-    return describe_deviations(classifier, new.condition(0), signal_facts(new).mean(axis=0))
+    return describe_deviations(classifier, new.condition(0), signal_statistics(new).mean(axis=0))
 
 
 @pytest.mark.wrong_types
@@ -239,14 +239,20 @@ def test_recordings_like_the_training_get_a_remark_as_rarely_as_stated(classifie
         windows(recording(f"{machine}{number}")) for machine in MACHINES for number in range(20, 60)
     ]
     said = [
-        bool(outside_facts(reference.facts, reference.specimen, signal_facts(w).mean(axis=0)))
+        bool(
+            deviating_statistics(
+                reference.statistics, reference.specimen, signal_statistics(w).mean(axis=0)
+            )
+        )
         for w in new
     ]
     assert np.mean(said) < 2 * ERROR_RATE
-    assert outside_facts(reference.facts[:4], reference.specimen[:4], reference.facts[0] + 99)
-    assert not outside_facts(reference.facts[:4], reference.specimen[:4], reference.facts[0] + 9), (
-        "too few to tell 9 dB"
+    assert deviating_statistics(
+        reference.statistics[:4], reference.specimen[:4], reference.statistics[0] + 99
     )
+    assert not deviating_statistics(
+        reference.statistics[:4], reference.specimen[:4], reference.statistics[0] + 9
+    ), "too few to tell 9 dB"
 
 
 def test_recordings_with_a_sample_that_is_no_number_are_left_out_of_the_reference():

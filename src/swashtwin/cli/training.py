@@ -32,7 +32,7 @@ from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
-    from swashtwin.learning import Choice, Confidence, FittedClassifier, WindowSet
+    from swashtwin.learning import CandidateChoice, Confidence, FittedClassifier, WindowSet
     from swashtwin.recordings import Recordings
 
 _MODEL_MARKS = artifact_marks("classifier", "anomaly detector")
@@ -339,7 +339,7 @@ def _print_training(
     print_result(result, as_json, show)
 
 
-def _print_choice(choice: "Choice") -> None:
+def _print_choice(choice: "CandidateChoice") -> None:
     """Print the candidates that were compared by cross-validation, and which one was selected."""
     rows: list[tuple[object, ...]] = []
     for trial in choice.trials:

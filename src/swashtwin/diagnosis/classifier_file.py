@@ -16,9 +16,9 @@ from swashtwin.foundation import (
     translate_load_errors,
 )
 from swashtwin.learning import (
-    N_FACTS,
+    N_STATISTICS,
     NETWORKS,
-    Choice,
+    CandidateChoice,
     Confidence,
     Epoch,
     FittedClassifier,
@@ -77,7 +77,7 @@ class _Card:
     pressures: tuple[float, ...]
     speeds: tuple[float, ...]
     training_reference: TrainingReference | None
-    choice: Choice | None
+    choice: CandidateChoice | None
     fault_of: Mapping[str, str]
     confidence: Confidence | None
     recordings: RecordingModel | None
@@ -111,8 +111,8 @@ class _Card:
             )
 
         reference = self.training_reference
-        if reference is not None and reference.facts.shape[1:] != (n_channels, N_FACTS):
-            raise ValueError("its training reference has other channels or facts")
+        if reference is not None and reference.statistics.shape[1:] != (n_channels, N_STATISTICS):
+            raise ValueError("its training reference has other channels or statistics")
 
         for confidence in (self.confidence, self.baseline_confidence):
             if confidence is not None:

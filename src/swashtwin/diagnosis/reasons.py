@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.learning import (
+    DeviatingStatistic,
     FittedClassifier,
-    OutsideFact,
     TrainingReference,
-    outside_facts,
+    deviating_statistics,
     swapped_channels,
 )
 from swashtwin.pump import PRESSURE_TOLERANCE, is_healthy, values_match
@@ -38,7 +38,7 @@ _UNIT_TOLERANCE_DB = 0.7
 
 # Share of a channel that no other channel explains, as -10 log10, from which one signal may be
 # recorded twice [dB]: a correlation of 0.99.
-_DUPLICATE_LIKENESS_DB = 17.0
+_DUPLICATE_SIMILARITY_DB = 17.0
 
 _MAX_REASONS = 6
 _MAX_LISTED_VALUES = 6
@@ -48,22 +48,22 @@ _MAX_LISTED_MACHINES = 3
 def describe_deviations(
     classifier: FittedClassifier,
     condition: Float64[np.ndarray, " quantity"],
-    facts: Float64[np.ndarray, "channel fact"],
+    statistics: Float64[np.ndarray, "channel statistic"],
 ) -> tuple[str, ...]:
     """Return sentences on what lies outside the training's range, the operating point first.
 
     Parameters
     ----------
     condition : speed [rad/s] and discharge pressure [Pa]; NaN if not specified.
-    facts : mean `signal_facts` of the recording.
+    statistics : mean `signal_statistics` of the recording.
     """
     reasons = list(_describe_condition(classifier, condition))
     reference = classifier.training_reference
-    if reference is None or not np.isfinite(facts).all():
+    if reference is None or not np.isfinite(statistics).all():
         return tuple(reasons)
 
     channels = classifier.layout.channels
-    swapped_pair = swapped_channels(reference.facts, facts)
+    swapped_pair = swapped_channels(reference.statistics, statistics)
     if swapped_pair is not None:
         first, second = (channels[index] for index in swapped_pair)
         reasons.append(
@@ -71,15 +71,19 @@ def describe_deviations(
             "the other in the training."
         )
 
-    # The facts of swapped channels are all outside, and say no more.
+    # Nearly all statistics of swapped channels deviate, which adds nothing to that sentence.
     deviations = [
-        fact
-        for fact in outside_facts(reference.facts, reference.specimen, facts)
-        if fact.channel not in (swapped_pair or ())
+        statistic
+        for statistic in deviating_statistics(reference.statistics, reference.specimen, statistics)
+        if statistic.channel not in (swapped_pair or ())
     ]
-    changes = facts - np.median(reference.facts, axis=0)
-    for channel in dict.fromkeys(fact.channel for fact in deviations):
-        of_channel = {fact.fact: fact for fact in deviations if fact.channel == channel}
+    changes = statistics - np.median(reference.statistics, axis=0)
+    for channel in dict.fromkeys(deviation.channel for deviation in deviations):
+        of_channel = {
+            deviation.statistic: deviation
+            for deviation in deviations
+            if deviation.channel == channel
+        }
         reasons += _describe_channel(
             channels[channel], classifier.layout.unit, of_channel, changes[channel]
         )
@@ -206,17 +210,17 @@ def describe_healthy_gain(classifier: FittedClassifier, specimen: str) -> str:
 def _describe_channel(
     name: str,
     unit: str,
-    deviations: dict[str, OutsideFact],
-    change: Float64[np.ndarray, " fact"],
+    deviations: dict[str, DeviatingStatistic],
+    change: Float64[np.ndarray, " statistic"],
 ) -> Iterator[str]:
-    """Yield a sentence for each fact of a channel that lies outside the training's range.
+    """Yield a sentence for each statistic of a channel that lies outside the training's range.
 
     A changed gain moves level and noise floor alike, and gets one sentence for both.
 
     Parameters
     ----------
-    deviations : facts outside the range, by name.
-    change : change of each fact from the training's median [dB]: level, noise floor, ...
+    deviations : statistics outside the range, by name.
+    change : change of each statistic from the training's median [dB]: level, noise floor, ...
     """
     level = deviations.get("level")
     floor = deviations.get("noise_floor")
@@ -246,10 +250,14 @@ def _describe_channel(
             f"it was at most {max_ratio:.2g}. Check the sensor's coupling and the amplifier."
         )
 
-    likeness = deviations.get("likeness")
-    if likeness is not None and likeness.excess > 0 and likeness.value > _DUPLICATE_LIKENESS_DB:
-        correlation = _correlation(likeness.value)
-        max_correlation = _correlation(likeness.high)
+    similarity = deviations.get("similarity")
+    if (
+        similarity is not None
+        and similarity.excess > 0
+        and similarity.value > _DUPLICATE_SIMILARITY_DB
+    ):
+        correlation = _correlation(similarity.value)
+        max_correlation = _correlation(similarity.high)
         yield (
             f"Channel {name} follows another channel (correlation {correlation:.3f}; at most "
             f"{max_correlation:.3f} in the training). Is one signal recorded twice?"
@@ -265,9 +273,9 @@ def _describe_channel(
 
 
 def _is_gain_change(
-    level: OutsideFact,
-    floor: OutsideFact,
-    change: Float64[np.ndarray, " fact"],
+    level: DeviatingStatistic,
+    floor: DeviatingStatistic,
+    change: Float64[np.ndarray, " statistic"],
     has_line_change: bool,
 ) -> bool:
     """Whether a gain explains the changes of level and noise floor.
@@ -295,20 +303,20 @@ def _describe_gain(name: str, gain_db: float) -> str:
     return sentence
 
 
-def _describe_position(fact: OutsideFact, unit: str) -> str:
-    """Describe a fact against the training's range.
+def _describe_position(statistic: DeviatingStatistic, unit: str) -> str:
+    """Describe a statistic against the training's range.
 
     Such as "14 dB above the training's range (-32 dB re 1 m/s^2; training: -50 to -46)".
     """
-    side = "above" if fact.excess > 0 else "below"
+    side = "above" if statistic.excess > 0 else "below"
     return (
-        f"{abs(fact.excess):.0f} dB {side} the training's range ({fact.value:.0f} {unit}; training: "
-        f"{fact.low:.0f} to {fact.high:.0f})"
+        f"{abs(statistic.excess):.0f} dB {side} the training's range "
+        f"({statistic.value:.0f} {unit}; training: {statistic.low:.0f} to {statistic.high:.0f})"
     )
 
 
-def _correlation(likeness_db: float) -> float:
-    return math.sqrt(1 - 10 ** (-likeness_db / 10))
+def _correlation(similarity_db: float) -> float:
+    return math.sqrt(1 - 10 ** (-similarity_db / 10))
 
 
 def _percent(share_db: float) -> float:

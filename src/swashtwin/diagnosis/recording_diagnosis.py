@@ -24,7 +24,7 @@ from swashtwin.learning import (
     pooled_probabilities,
     reference_features,
     require_verdicts,
-    signal_facts,
+    signal_statistics,
     window_batches,
     window_powers,
 )
@@ -53,7 +53,7 @@ class _WindowAnswers:
 
     probability: Float[np.ndarray, "window class"]
     features: Float64[np.ndarray, "window feature"]
-    mean_facts: Float64[np.ndarray, "channel fact"]
+    mean_statistics: Float64[np.ndarray, "channel statistic"]
     specimen: str
     """Machine; empty if it is not specified."""
     condition: Float64[np.ndarray, " quantity"]
@@ -106,7 +106,7 @@ def diagnose(
     except DataError as cause:
         return replace(diagnosis, no_verdict=str(cause))
 
-    reasons = describe_deviations(classifier, answers.condition, answers.mean_facts)
+    reasons = describe_deviations(classifier, answers.condition, answers.mean_statistics)
     class_indices = likeliest_class(answers.probability)
     diagnosis = replace(
         diagnosis,
@@ -183,18 +183,18 @@ def _answer_windows(classifier: FittedClassifier, recording: Recording) -> _Wind
     """Run the classifier over the windows of a recording, a batch at a time."""
     probability = []
     features = []
-    facts = []
+    statistics = []
     for windows in recording_windows(classifier, recording):
-        # Features and facts come from the same spectrum, which is computed once.
+        # Features and statistics come from the same spectrum, which is computed once.
         powers = window_powers(windows)
         features.append(reference_features(windows, powers))
-        facts.append(signal_facts(windows, powers))
+        statistics.append(signal_statistics(windows, powers))
         probability.append(classifier.predict_proba(windows))
 
     return _WindowAnswers(
         probability=np.concatenate(probability),
         features=np.concatenate(features),
-        mean_facts=np.concatenate(facts).mean(axis=0),
+        mean_statistics=np.concatenate(statistics).mean(axis=0),
         specimen=str(windows.specimen[0]),
         condition=windows.condition(0),
     )

@@ -13,7 +13,7 @@ from typing import Any
 from swashtwin.diagnosis.changed_bands import BandPowerChange
 from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum
 from swashtwin.foundation import plural, to_table
-from swashtwin.learning import Choice, Deviation
+from swashtwin.learning import CandidateChoice, Deviation
 from swashtwin.pump import is_healthy, propose_class
 from swashtwin.recordings import RecordingSummary
 from swashtwin.signals import BandPower
@@ -85,7 +85,7 @@ class Diagnosis:
     """Machine, date, condition and file of the recording, if it specifies them."""
     fault_of: Mapping[str, str] = field(default_factory=dict)
     """Fault of the model that a class of another name stands for."""
-    choice: Choice | None = None
+    choice: CandidateChoice | None = None
     """How the classifier was selected; None if its network was named."""
     deviation: Deviation | None = None
     """Changes of all band powers; of a detector with a verdict."""

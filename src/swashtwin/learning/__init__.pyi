@@ -4,7 +4,7 @@ from .choice.best_candidate import fit_best_candidate as fit_best_candidate
 from .choice.candidate_trials import choose_candidate as choose_candidate
 from .choice.candidates import CANDIDATES as CANDIDATES
 from .choice.candidates import DISTURBED_TRAINING as DISTURBED_TRAINING
-from .choice.candidates import Choice as Choice
+from .choice.candidates import CandidateChoice as CandidateChoice
 from .choice.candidates import Trial as Trial
 from .data_check import DataCheck as DataCheck
 from .data_check import check_recordings as check_recordings
@@ -75,11 +75,11 @@ from .training.settings import at_other_speeds as at_other_speeds
 from .training.settings import with_gains as with_gains
 from .training.training_data import TrainingData as TrainingData
 from .training.training_data import prepare_training_data as prepare_training_data
-from .training.training_reference import N_FACTS as N_FACTS
-from .training.training_reference import OutsideFact as OutsideFact
+from .training.training_reference import N_STATISTICS as N_STATISTICS
+from .training.training_reference import DeviatingStatistic as DeviatingStatistic
 from .training.training_reference import TrainingReference as TrainingReference
-from .training.training_reference import outside_facts as outside_facts
-from .training.training_reference import signal_facts as signal_facts
+from .training.training_reference import deviating_statistics as deviating_statistics
+from .training.training_reference import signal_statistics as signal_statistics
 from .training.training_reference import swapped_channels as swapped_channels
 from .windows.cutting import cut_windows as cut_windows
 from .windows.cutting import window_batches as window_batches

@@ -9,7 +9,7 @@ import numpy as np
 
 from swashtwin.diagnosis import AlarmScores, AnomalyDetector, describe_single_machine_faults
 from swashtwin.foundation import plural
-from swashtwin.learning import SPLITS, Choice, FittedClassifier, Scores
+from swashtwin.learning import SPLITS, CandidateChoice, FittedClassifier, Scores
 from swashtwin.plot import confusion, figure_style, format_label
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
@@ -149,7 +149,7 @@ def _training_blocks(classifier: FittedClassifier) -> tuple[Table, ...]:
     return (recordings, facts)
 
 
-def build_choice_blocks(choice: Choice | None) -> tuple[str | Table | Group, ...]:
+def build_choice_blocks(choice: CandidateChoice | None) -> tuple[str | Table | Group, ...]:
     """Return how a model was chosen, if training chose it."""
     if choice is None:
         return ()

@@ -11,7 +11,7 @@ from swashtwin.learning.choice.candidates import (
     CANDIDATES,
     DISTURBED_TRAINING,
     Candidate,
-    Choice,
+    CandidateChoice,
     Trial,
 )
 from swashtwin.learning.networks.band_power_network import solve_together
@@ -60,7 +60,7 @@ class OutOfFoldPredictions:
 
 def choose_candidate(
     windows: WindowSet, *, seed: int = 0, progress: Progress | None = None
-) -> tuple[Candidate, Choice, OutOfFoldPredictions | None]:
+) -> tuple[Candidate, CandidateChoice, OutOfFoldPredictions | None]:
     """Choose one of `CANDIDATES` by trials on inner folds.
 
     Measured windows are dealt into folds by specimen, else by condition, else by recording: the
@@ -92,7 +92,7 @@ def choose_candidate(
             "there are too few recordings of a class to test on some of them; record more of each "
             "class"
         )
-        return candidate, Choice(candidate.name, (), "", 0, 0, reason), None
+        return candidate, CandidateChoice(candidate.name, (), "", 0, 0, reason), None
 
     with one_thread():
         views = _Views(measured, windows.subset(windows.synthetic), seed)
@@ -106,7 +106,7 @@ def choose_candidate(
     predictions = _out_of_fold_predictions(
         candidate, views, windows, folds, log_probability[candidate.name][0]
     )
-    choice = Choice(
+    choice = CandidateChoice(
         candidate=candidate.name,
         trials=tuple(trials),
         group=group,

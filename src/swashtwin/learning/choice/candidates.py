@@ -68,7 +68,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Choice:
+class CandidateChoice:
     """The trials of all candidates, and the chosen one."""
 
     candidate: str

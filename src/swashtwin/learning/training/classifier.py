@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Shaped
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning.choice.candidates import Choice
+from swashtwin.learning.choice.candidates import CandidateChoice
 from swashtwin.learning.features import reference_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.recordings.recording_model import RecordingModel
@@ -105,7 +105,7 @@ class FittedClassifier:
     """Shaft speeds it was trained at [rad/s], ascending; empty if unknown."""
     training_reference: TrainingReference | None = None
     """Features of the measured recordings it was trained on; None if there were none."""
-    choice: Choice | None = None
+    choice: CandidateChoice | None = None
     """Choice among candidates (`fit_best_candidate`); None if the network was specified."""
     fault_of: Mapping[str, str] = field(default_factory=dict)
     """Fault of the model (`swashtwin.pump`) for which a class of another name stands."""

@@ -1,4 +1,4 @@
-"""The training recordings by features and facts of their vibration, to compare new ones with."""
+"""The training recordings by features and signal statistics, to compare new ones with."""
 
 import math
 from collections.abc import Sequence
@@ -14,17 +14,17 @@ from swashtwin.learning.training.class_space import ClassSpace, fit_class_space
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import log_band_powers
 
-FACTS = ("level", "noise_floor", "line_share", "offset", "likeness")
-"""Facts of a signal [dB]: variance, level of the quietest tenth of the spectrum, share of the power
-in the strongest fiftieth, square of the mean over the variance, and the share that another channel
-explains, as -log(1 - r^2).
+STATISTICS = ("level", "noise_floor", "line_share", "offset", "similarity")
+"""Statistics of a signal [dB]: its variance; the power density that a tenth of the spectrum stays
+below; the share of the power in the strongest fiftieth of the lines; the square of the mean over the
+variance; and what another channel explains, as -log(1 - r^2).
 """
 N_BANDS = 16
-"""Logarithmic bands by which swapped channels are recognized, in dB; they follow the `FACTS`."""
-N_FACTS = len(FACTS) + N_BANDS
-"""Columns of `signal_facts`."""
+"""Logarithmic bands [dB] that follow the `STATISTICS`; swapped channels are recognized by them."""
+N_STATISTICS = len(STATISTICS) + N_BANDS
+"""Columns of `signal_statistics`."""
 ERROR_RATE = 0.05
-"""Share of the recordings like the training's of which a fact may be reported as outside."""
+"""Share of the recordings like the training's of which a statistic may be reported as outside."""
 
 _QUIETEST_SHARE = 0.1
 _STRONGEST_SHARE = 0.02
@@ -33,7 +33,7 @@ _MIN_SPREAD_DB = 1.0
 # Minimum spreads that a difference is divided by: few recordings may agree by chance.
 _MIN_BAND_SPREAD_DB = 3.0
 
-# Difference below which a fact is not reported: it would be rounded to 0 dB.
+# Difference below which a statistic is not reported: it would be rounded to 0 dB.
 _MIN_EXCESS_DB = 0.5
 
 _MIN_POWER = 1e-30
@@ -56,11 +56,11 @@ _MIN_SWAP_RATIO = 0.5
 
 
 @dataclass(frozen=True)
-class OutsideFact:
-    """A fact of one channel outside the range of the training."""
+class DeviatingStatistic:
+    """A statistic of one channel outside the range of the training."""
 
     channel: int
-    fact: str
+    statistic: str
     value: float
     """Value of the recording [dB]."""
     low: float
@@ -78,10 +78,10 @@ class OutsideFact:
         return self.value - self.low
 
 
-def signal_facts(
+def signal_statistics(
     windows: WindowSet, powers: Sequence[Float64[np.ndarray, "window line"]] | None = None
-) -> Float64[np.ndarray, "window channel fact"]:
-    """Return the `FACTS` of each channel of each window, and the levels of `N_BANDS` bands.
+) -> Float64[np.ndarray, "window channel statistic"]:
+    """Return the `STATISTICS` of each channel and window, then the powers of `N_BANDS` bands.
 
     All are in dB re the unit squared, the noise floor as a density (per Hz). Both spectra are with
     a Hann taper and the mean removed.
@@ -122,23 +122,24 @@ def signal_facts(
     return np.stack(channels, axis=1)
 
 
-def outside_facts(
-    training: Float64[np.ndarray, "recording channel fact"],
+def deviating_statistics(
+    training: Float64[np.ndarray, "recording channel statistic"],
     machines: Sequence[str],
-    facts: Float64[np.ndarray, "channel fact"],
-) -> tuple[OutsideFact, ...]:
-    """Return the facts of a recording outside the training's range, the largest deviation first.
+    statistics: Float64[np.ndarray, "channel statistic"],
+) -> tuple[DeviatingStatistic, ...]:
+    """Return the statistics outside the training's range, the largest deviation first.
 
-    A recording's deviation is the largest distance of its facts from the range of other recordings,
-    in standard deviations between the training recordings (at least 1 dB). A fact is reported if
-    its deviation exceeds that of all but `ERROR_RATE` of the training recordings, each compared
-    with the others, or with those of other `machines` ("" if not specified) if there are several.
-    So at most about this share of recordings like the training's get any report; with n < 19
-    training recordings, about one in n + 1. It is the conformal rule by which a recording is called
-    unknown. Fewer than five recordings give no such rate: then a distance of 10 dB is reported.
+    A recording's deviation is the largest distance of its statistics from the range of other
+    recordings, in standard deviations between the training recordings (at least 1 dB). A statistic
+    is reported if its deviation exceeds that of all but `ERROR_RATE` of the training recordings,
+    each compared with the others, or with those of other `machines` ("" if not specified) if there
+    are several. So at most about this share of recordings like the training's get any report; with
+    n < 19 training recordings, about one in n + 1. The same conformal rule decides which recordings
+    are called unknown. Fewer than five recordings give no such rate: then a distance of 10 dB is
+    reported.
     """
-    values = training[:, :, : len(FACTS)]
-    recorded = facts[:, : len(FACTS)]
+    values = training[:, :, : len(STATISTICS)]
+    recorded = statistics[:, : len(STATISTICS)]
     spread = np.maximum(values.std(axis=0), _MIN_SPREAD_DB)
     if len(training) >= _MIN_RECORDINGS:
         max_deviation = max(_usual_deviation(values, machines, spread), 0.0)
@@ -152,17 +153,17 @@ def outside_facts(
     excess = np.maximum(recorded - high, low - recorded)
     deviation = excess / spread
     outside = [
-        OutsideFact(
+        DeviatingStatistic(
             channel=int(channel),
-            fact=FACTS[fact],
-            value=float(recorded[channel, fact]),
-            low=float(low[channel, fact]),
-            high=float(high[channel, fact]),
-            deviation=float(deviation[channel, fact]),
+            statistic=STATISTICS[statistic],
+            value=float(recorded[channel, statistic]),
+            low=float(low[channel, statistic]),
+            high=float(high[channel, statistic]),
+            deviation=float(deviation[channel, statistic]),
         )
-        for channel, fact in np.argwhere((deviation > max_deviation) & (excess >= min_excess))
+        for channel, statistic in np.argwhere((deviation > max_deviation) & (excess >= min_excess))
     ]
-    return tuple(sorted(outside, key=lambda fact: -fact.deviation))
+    return tuple(sorted(outside, key=lambda statistic: -statistic.deviation))
 
 
 def _usual_deviation(values: np.ndarray, machines: Sequence[str], spread: np.ndarray) -> float:
@@ -179,7 +180,7 @@ def _usual_deviation(values: np.ndarray, machines: Sequence[str], spread: np.nda
 
 
 def _minimum_of_other_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Return, for each recording, the minimum of each fact among the other groups."""
+    """Return, for each recording, the minimum of each statistic among the other groups."""
     n_groups = group.max() + 1
     minimum = np.stack([values[group == number].min(axis=0) for number in range(n_groups)])
     lowest, second_lowest = np.sort(minimum, axis=0)[:2]
@@ -187,18 +188,18 @@ def _minimum_of_other_groups(values: np.ndarray, group: np.ndarray) -> np.ndarra
 
 
 def swapped_channels(
-    training: Float64[np.ndarray, "recording channel fact"],
-    facts: Float64[np.ndarray, "channel fact"],
+    training: Float64[np.ndarray, "recording channel statistic"],
+    statistics: Float64[np.ndarray, "channel statistic"],
 ) -> tuple[int, int] | None:
     """Return two channels of a recording that seem to be swapped; None if there are none.
 
-    Channels are compared by the levels of their bands, in standard deviations between the training
+    Channels are compared by their band powers, in standard deviations between the training
     recordings (at least 3 dB). Two are called swapped if exchanging them halves the root mean
     square of the differences of both, and neither of them was as far from its own mean in any
     training recording.
     """
-    profiles = training[:, :, len(FACTS) :]
-    profile = facts[:, len(FACTS) :]
+    profiles = training[:, :, len(STATISTICS) :]
+    profile = statistics[:, len(STATISTICS) :]
     if len(training) < 2 or len(profile) < 2:
         return None
 
@@ -234,13 +235,16 @@ _FAR_SHARE = 0.1
 
 _N_FOLDS = 10
 
-# Windows of a recording from which its facts are computed, evenly spaced.
+# Windows of a recording from which its statistics are computed, evenly spaced.
 _MAX_WINDOWS = 20
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingReference:
-    """Mean features and facts of each measured recording of the training; it holds no samples."""
+    """Mean features and signal statistics of each measured recording of the training.
+
+    It holds no samples.
+    """
 
     recording_id: tuple[str, ...]
     """The recordings, in the order of their ids."""
@@ -251,8 +255,8 @@ class TrainingReference:
     """Speed [rad/s] and discharge pressure [Pa] of each; NaN if not specified."""
     features: Float32[np.ndarray, "reference feature"]
     """Mean of each feature (`FittedClassifier.answer`) over the windows of the recording."""
-    facts: Float64[np.ndarray, "reference channel fact"]
-    """Mean of `signal_facts` over some windows."""
+    statistics: Float64[np.ndarray, "reference channel statistic"]
+    """Mean of `signal_statistics` over some windows."""
     distance_scales: tuple[float, float] = (1.0, 1.0)
     """Distances from the others that nine in ten of the training recordings do not exceed when held
     out: alone, and together with all of their machine.
@@ -262,7 +266,7 @@ class TrainingReference:
         count = len(self.recording_id)
         lengths = {
             len(part)
-            for part in (self.label, self.specimen, self.features, self.facts, self.condition)
+            for part in (self.label, self.specimen, self.features, self.statistics, self.condition)
         }
         if not count or lengths != {count}:
             raise InputError(
@@ -371,17 +375,17 @@ def build_reference(
     recording_ids = []
     parts = []
     means = []
-    facts = []
+    statistics = []
     for name in _spaced(names, MAX_RECORDINGS).tolist():
         rows = np.flatnonzero((windows.recording_id == name) & ~windows.synthetic)
         part = windows.subset(_spaced(rows, _MAX_WINDOWS))
         mean_features = features[rows].mean(axis=0).astype(np.float32)
-        mean_facts = signal_facts(part).mean(axis=0)
+        mean_facts = signal_statistics(part).mean(axis=0)
         if np.isfinite(mean_features).all() and np.isfinite(mean_facts).all():
             recording_ids.append(name)
             parts.append(part)
             means.append(mean_features)
-            facts.append(mean_facts)
+            statistics.append(mean_facts)
     if not parts:
         return None
 
@@ -391,7 +395,7 @@ def build_reference(
         specimen=tuple(str(part.specimen[0]) for part in parts),
         condition=np.stack([part.condition(0) for part in parts]),
         features=np.stack(means),
-        facts=np.stack(facts),
+        statistics=np.stack(statistics),
     )
     return scaled_reference(reference)
 

@@ -2,17 +2,17 @@
 From recordings to a verdict
 ============================
 
-You have a folder of recordings, and for each of them you know whether the pump was healthy or what was wrong with it.
-At the end you have a model that names the state of a new recording and says how sure it is.
+You have a folder of recordings, and for each recording you know whether the pump was healthy or which fault it had. This
+tutorial trains a model that classifies a new recording and reports how certain the class is.
 
-Any format that swashtwin reads will do; :doc:`/how-to/recordings` shows how to write the index of your own folder.
-Here the virtual rig, a simulation, stands in for a machine. Terms are in :doc:`/reference/nomenclature`.
+:doc:`/how-to/recordings` lists the file formats and shows how to write the index of your own folder. Here the recordings
+come from the virtual rig, which simulates a machine. :doc:`/reference/nomenclature` defines the terms.
 """
 
 # %%
 # Load
 # ----
-# A pump of seven pistons at three pressures: healthy, and with four faults.
+# Two pumps with seven pistons at three pressures, healthy and with four faults.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -27,16 +27,17 @@ recordings
 # %%
 # Check
 # -----
-# Look for gaps, clipping, dead channels, copies and rates that differ before you train. On the command line:
-# ``swashtwin check rig``.
+# Before you train, look for gaps, clipping, dead channels, copies and sample rates that differ. On the command line:
+# ``swashtwin inspect rig``.
 
 print(st.inspect_recordings(list(recordings)))
 
 # %%
 # Split
 # -----
-# Whole recordings are held out. The windows (slices) of one recording resemble each other. A model that has seen half
-# of them recognizes the other half, and its score says nothing about new recordings (:doc:`/how-to/leakage`).
+# Whole recordings are held out, because the windows (slices) of one recording resemble each other. A model that was
+# trained on half of them recognizes the other half, so its score says nothing about new recordings
+# (:doc:`/how-to/leakage`).
 
 train, test = recordings.split(test=0.2, by="recording", seed=0)
 print(len(train), "recordings to train,", len(test), "to test")
@@ -44,17 +45,17 @@ print(len(train), "recordings to train,", len(test), "to test")
 # %%
 # Train
 # -----
-# Without further arguments, training tries two candidates on parts of your training recordings: as
-# measured, and with noise, gain and speed changed. It takes the better. On the command line:
+# By default, training compares two candidates by cross-validation on the training recordings, as measured and with
+# changed noise, gain and speed. It selects the better candidate. On the command line:
 # ``swashtwin train rig --out pump.safetensors``.
 
 classifier = st.FaultClassifier(seed=0).fit(train)
-print("accuracy on recordings it has not seen:", round(classifier.score(test), 2))
+print("accuracy on held-out recordings:", round(classifier.score(test), 2))
 
 # %%
 # Diagnose
 # --------
-# A diagnosis is a class with its probability, and the reasons to doubt it. On the command line:
+# A diagnosis is a class with its probability, and the reasons for doubt. On the command line:
 # ``swashtwin diagnose pump.safetensors new.csv --report diagnosis/``.
 
 diagnosis = classifier.diagnose(test[0])
@@ -70,17 +71,17 @@ axes.set(xlim=(0, 1), xlabel="probability", title=f"truth: {test[0].label}")
 plt.show()
 
 # %%
-# What its spectrum looks like
-# ----------------------------
-# The spectrum of the recording, with the lines of the shaft and of the seven pistons.
+# Plot the spectrum
+# -----------------
+# The spectrum of the recording, with marked lines of the shaft and of the seven pistons.
 
 st.plot.spectrum(test[0], pistons=7)
 plt.show()
 
 # %%
-# Which classes are mistaken for each other
-# -----------------------------------------
-# Rows are the true class, columns the class that was named.
+# Plot the confusion matrix
+# -------------------------
+# Rows are the true class, columns the predicted class.
 
 truth = [recording.label for recording in test]
 verdicts = [classifier.diagnose(recording).label for recording in test]

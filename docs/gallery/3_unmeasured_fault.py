@@ -1,16 +1,16 @@
 """
-A fault nobody measured
-=======================
+Train on a fault that was never recorded
+========================================
 
-At one pressure the worn swash plate was recorded once only, or never. A calibrated twin can simulate it there. The
-classifier then trains on measured and synthetic windows (slices of a recording) together. Terms are in
-:doc:`/reference/nomenclature`.
+Assume that a worn swash plate was never recorded at one pressure. A calibrated twin can simulate the fault at that
+pressure. The classifier then trains on measured and synthetic windows (slices of a recording) together.
+:doc:`/reference/nomenclature` defines the terms.
 """
 
 # %%
-# The gap
-# -------
-# Leave out what could not be recorded: the swash plate fault at the highest pressure. It is kept for the test.
+# Make a gap
+# ----------
+# Exclude the swash plate fault at the highest pressure from the training. These recordings are the test set.
 
 import swashtwin as st
 from swashtwin_bench import build_rig
@@ -22,7 +22,7 @@ high = max(recording.condition.discharge_pressure for recording in recordings)
 
 
 def in_gap(recording: st.Recording) -> bool:
-    """Whether it shows the fault at the pressure that was not recorded."""
+    """Return whether a recording shows the fault at the excluded pressure."""
     return recording.label == "swash_plate" and recording.condition.discharge_pressure == high
 
 
@@ -31,9 +31,9 @@ gap = [recording for recording in recordings if in_gap(recording)]
 print(len(measured), "recordings to train,", len(gap), "in the gap")
 
 # %%
-# The twin
-# --------
-# Healthy recordings at the pressure of the gap calibrate it.
+# Calibrate the twin
+# ------------------
+# The calibration uses healthy recordings of one pump.
 
 healthy = [
     recording
@@ -44,23 +44,23 @@ calibration = st.calibrate("25scy14-1b", healthy, seed=0)
 calibration
 
 # %%
-# The synthetic windows
-# ---------------------
-# A recess of 0.07 mm in the swash plate. The windows carry a mark that they are synthetic: swashtwin refuses them in a
-# test set.
+# Synthesize windows
+# ------------------
+# The fault is a recess of 0.07 mm in the swash plate. The windows are marked as synthetic, so swashtwin refuses them in
+# a test set.
 
 fault = st.SwashPlateDefect(depth=st.mm(0.07))
 synthetic = st.synthesize(calibration, fault, count=60, like=measured, pressure=high, seed=0)
 synthetic
 
 # %%
-# With and without
-# ----------------
-# How many recordings of the gap each classifier names right. One small rig proves nothing:
+# Compare
+# -------
+# Count the recordings in the gap that each classifier names correctly. One small rig proves nothing:
 # :doc:`/bench/evidence` has ten fleets, with intervals.
 
 without = st.FaultClassifier(seed=0).fit(measured)
 with_twin = st.FaultClassifier(seed=0).fit(measured, synthetic=synthetic)
 for name, classifier in (("measured only", without), ("measured and synthetic", with_twin)):
     labels = [classifier.diagnose(recording).label for recording in gap]
-    print(f"{name:23}", labels.count("swash_plate"), "of", len(gap), "named right")
+    print(f"{name:23}", labels.count("swash_plate"), "of", len(gap), "correct")

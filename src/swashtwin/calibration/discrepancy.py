@@ -56,8 +56,9 @@ CONSTANT_PRIORS = Nuisances.typical()
 """Priors of the constants that are not searched."""
 UNCERTAIN_CONSTANTS = ("mount", "bearing", "excitation", "sensor")
 """Constants that count as uncertain even if they are not searched."""
+
+# Step of the differences of the lines with respect to the logarithm of a constant.
 _SLOPE_STEP = 1e-4
-"""Step of the differences of the lines with respect to the logarithm of a constant."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -288,8 +288,8 @@ def compute_misfit(objective: Objective, point: Float[np.ndarray, " unknown"]) -
         return float(objective.weighted_loss(torch.as_tensor(point)))
 
 
+# Number of draws beyond the bounds after which the last one is put on the bound.
 _MAX_DRAW_ATTEMPTS = 200
-"""Number of draws beyond the bounds after which the last one is put on the bound."""
 
 
 @dataclass(frozen=True, eq=False)

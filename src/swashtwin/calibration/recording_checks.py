@@ -23,8 +23,9 @@ MAX_LEVEL_RATIO = 1.5
 """
 MAX_LEVEL_DEVIATIONS = 3.0
 """The same in standard deviations of the others."""
+
+# Minimum standard deviation of ln(level) of repeated recordings of one pump.
 _MIN_LEVEL_SCATTER = 0.1
-"""Minimum standard deviation of ln(level) of repeated recordings of one pump."""
 
 
 def require_one_machine(recordings: Iterable[Recording], result: str) -> None:

@@ -27,8 +27,9 @@ from swashtwin.pump import PARAMETERS, fault_type
 from swashtwin.recordings import Manifest
 
 FORMAT = "swashtwin calibration 9"
+
+# Recordings that the source of a calibrated value names; of more, their number.
 _MAX_NAMED_RECORDINGS = 3
-"""Recordings that the source of a calibrated value names; of more, their number."""
 
 
 @dataclass(frozen=True, eq=False)

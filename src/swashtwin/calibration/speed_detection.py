@@ -27,15 +27,18 @@ MIN_CONTRAST_SHARE = 0.6
 contrast. On the virtual rig (`docs/explanation/calibration.md`) correct speeds have 0.9 and more,
 wrong ones 0.46 and less.
 """
+
+# Combs of at least this share of the greatest contrast are as clear as the clearest one.
 _TIE_SHARE = 0.8
-"""Combs of at least this share of the greatest contrast are as clear as the clearest one."""
+
 _TEETH = 10
+
+# Half width of a tooth, relative to its frequency: as much as the speed may wander.
 _TOOTH_HALF_WIDTH = 0.004
-"""Half width of a tooth, relative to its frequency: as much as the speed may wander."""
+
+# Positions at which power is compared, in teeth: a tooth, and where the combs of a half or a third
+# of the speed have teeth between it and the next.
 _TOOTH_OFFSETS = np.array([0, 1 / 3, 1 / 2, 2 / 3])
-"""Positions at which power is compared, in teeth: a tooth, and where the combs of a half or a third
-of the speed have teeth between it and the next.
-"""
 
 
 @dataclass(frozen=True)

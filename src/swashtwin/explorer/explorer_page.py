@@ -25,8 +25,9 @@ from swashtwin.recordings import FactChange
 LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 TOKEN_HEADER = "x-explorer"
 """Header with the page's token, without which nothing is changed."""
+
+# Addresses whose bodies may be as large as a recording: many changes, or a model.
 _UPLOAD_PATHS = frozenset({"/api/facts", "/api/drop"})
-"""Addresses whose bodies may be as large as a recording: many changes, or a model."""
 
 Action = Callable[..., Any]
 

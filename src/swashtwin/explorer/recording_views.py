@@ -50,10 +50,10 @@ MIN_HEALTHY_LENGTH = 0.5
 COMPARED_ROWS = 20
 """Band powers in the table of a comparison."""
 _MARKED_HARMONICS = 5
+
+# Shaft frequencies from which a speed is searched if none is specified; each search covers a third
+# to three times its start, together 4 to 90 Hz.
 _START_SPEEDS_HZ = (12.0, 30.0)
-"""Shaft frequencies from which a speed is searched if none is specified; each search covers a third
-to three times its start, together 4 to 90 Hz.
-"""
 
 Names = Annotated[list[str], Query(max_length=50)]
 

@@ -38,11 +38,14 @@ COMPARED_BAND_HZ = (0.0, 2500.0)
 """Band whose lines are compared with measured ones; the paper's."""
 RESULT = "result"
 """Name of the start that the last calibration made."""
+
+# Bytes of a file from which its kind is recognized.
 _PEEK_BYTES = 4096
-"""Bytes of a file from which its kind is recognized."""
+
 _NAMEPLATE_QUANTITIES = ("displacement", "speed", "pressure", "mass")
+
+# Operating point of a pump that states no rated one.
 _DEFAULT_CONDITION = OperatingCondition(rpm(1500), MPa(15))
-"""Operating point of a pump that states no rated one."""
 
 LineKind = Literal["piston", "shaft"]
 """Lines that a twin has: harmonics of the pistons, or of the shaft if a piston is faulty."""

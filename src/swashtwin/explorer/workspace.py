@@ -47,14 +47,18 @@ BIN = 64
 SPARKLINE_PARTS = 40
 """Values of a recording's sparkline."""
 
+# Samples that are read together when the extremes of a whole recording are computed.
 _BLOCK_SAMPLES = BIN << 14
-"""Samples that are read together when the extremes of a whole recording are computed."""
+
 _MAX_CACHED_RECORDINGS = 4
+
+# Samples of all channels up to which a recording is read as a whole (64 MB as float64).
 _MAX_SAMPLES_AT_ONCE = 1 << 23
-"""Samples of all channels up to which a recording is read as a whole (64 MB as float64)."""
+
 _SPEED_TOLERANCE = 0.03
+
+# Relative differences up to which recordings share an operating point.
 _PRESSURE_TOLERANCE = 0.06
-"""Relative differences up to which recordings share an operating point."""
 
 
 @dataclass

@@ -113,8 +113,8 @@ def _draw_matrix(panel: Axes, counts: Num[np.ndarray, "actual predicted"]) -> No
 MAX_POINTS = 3000
 """Maximum number of points drawn of one spectrum; each is the greatest line of its group."""
 
+# Color and name of a mark, by whether it is of the pistons.
 _MARK_STYLES = {False: ("#009e73", "shaft"), True: (CALIBRATED, "piston pass")}
-"""Color and name of a mark, by whether it is of the pistons."""
 
 
 @figure_style()

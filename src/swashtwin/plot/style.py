@@ -30,6 +30,8 @@ ON_SHADE = "#101010"
 ON_DARK = "#fefefe"
 """Text on a dark shade, which stays light."""
 
+# Color of each training set, which is also that of the twin before and after calibration, of each
+# class, and of the default network.
 _NAMED_COLORS = {
     "measured": MEASURED,
     "nominal": NOMINAL,
@@ -42,9 +44,7 @@ _NAMED_COLORS = {
     "loose_slipper": "#000000",
     "spectral_bitcn": CALIBRATED,
 }
-"""Color of each training set, which is also that of the twin before and after calibration, of each
-class, and of the default network.
-"""
+
 _FURTHER_COLORS = ("#882255", "#44aa99", "#332288", "#999933", "#cc79a7", "#117733")
 
 INTERFACE_COLORS = {"slipper_swash": "#d55e00", "block_valve": "#009e73", "piston_bore": "#aa4499"}

@@ -50,10 +50,12 @@ ERROR_LABELS = MappingProxyType(
     }
 )
 """Labels of the fields of an `Agreement`."""
+
+# Identified values from which a calibration is shown as good news.
 _MIN_IDENTIFIED = 3
-"""Identified values from which a calibration is shown as good news."""
+
+# Notes shown on the card; the others stand in the section.
 _MAX_CARD_NOTES = 3
-"""Notes shown on the card; the others stand in the section."""
 
 
 def build_calibration_part(calibration: Calibration, key: str) -> Part:
@@ -303,8 +305,8 @@ def describe_interval(estimate: Estimate) -> str:
     return f"{low} to {high}"
 
 
+# Range of a spectrum below its strongest line [dB]; less if its weakest line is stronger.
 _RANGE_DB = 60.0
-"""Range of a spectrum below its strongest line [dB]; less if its weakest line is stronger."""
 
 
 def calibration_drawings(calibration: Calibration, key: str) -> list[Drawing]:

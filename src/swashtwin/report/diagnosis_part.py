@@ -37,8 +37,10 @@ _UNCALIBRATED = (
     "The model's confidence was not calibrated, so the score ranks the classes and is not a "
     "probability."
 )
+
+# Notes shown on the card; the others stand in the section.
 _MAX_CARD_NOTES = 3
-"""Notes shown on the card; the others stand in the section."""
+
 _MAX_CHECKS = 4
 NO_VERDICT_ACTIONS = (
     "Check what the reason names: the sensor, its cable, the file.",
@@ -269,12 +271,14 @@ def _caption_probabilities(diagnosis: Diagnosis) -> str:
     )
 
 
+# Multiples of the piston-pass line that are marked.
 _N_MARKED_LINES = 4
-"""Multiples of the piston-pass line that are marked."""
+
+# Lowest frequency from which the axis begins.
 _MIN_AXIS_START_HZ = 5.0
-"""Lowest frequency from which the axis begins."""
+
+# Healthy recordings below which their range is too narrow to judge by.
 _MIN_HEALTHY = 5
-"""Healthy recordings below which their range is too narrow to judge by."""
 
 
 def describe_spectrum(spectrum: HealthySpectrum | None) -> tuple[str, ...]:

@@ -20,8 +20,10 @@ from swashtwin.pump import propose_class
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# Metadata left out of figures, so that the same data give the same file.
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
-"""Metadata left out of figures, so that the same data give the same file."""
+
+# Colors of figures that the page has a dark form of, by the name of its variable.
 _PAGE_COLORS = {
     "#000000": "ink",
     "#ffffff": "paper",
@@ -35,7 +37,7 @@ _PAGE_COLORS = {
     "#aa4499": "purple",
     "#888888": "gray",
 }
-"""Colors of figures that the page has a dark form of, by the name of its variable."""
+
 _PAGE_COLOR = re.compile("|".join(rf"{color}\b" for color in _PAGE_COLORS))
 
 
@@ -143,6 +145,8 @@ class _Mark:
     """Why these orders rise."""
 
 
+# Marks by class. A test compares the families with the lines of the twin
+# (docs/explanation/physics.md, section 5).
 _MARKS: Mapping[str, _Mark] = MappingProxyType(
     {
         "swash_plate": _Mark(
@@ -175,9 +179,6 @@ _MARKS: Mapping[str, _Mark] = MappingProxyType(
         ),
     }
 )
-"""Marks by class. A test compares the families with the lines of the twin
-(docs/explanation/physics.md, section 5).
-"""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,10 @@ from swashtwin.report.wording import format_number, format_number_cell, format_p
 
 _AGAINST = "#d55e00"
 _LABELED_ORDERS = (1, *range(5, 100, 5))
+
+# Contributions listed in the table.
 _N_CONTRIBUTIONS = 6
-"""Contributions listed in the table."""
+
 _ENVELOPE_CAPTION = (
     " Right of the signal's lines: those of the envelope (of the whole signal, and of its high "
     "frequencies alone), which show how often the vibration swells; then the overall level and the "

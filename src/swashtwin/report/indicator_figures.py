@@ -23,17 +23,19 @@ from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 from swashtwin.report.wording import capitalize_sentence
 from swashtwin.signals import LineSpectrum, Trend
 
+# Marker, color and label of each status.
 _STATUS_STYLES = {
     "within": ("o", MEASURED, "within its baseline"),
     "above": ("^", "#d55e00", "above"),
     "below": ("v", "#aa4499", "below"),
     "no baseline": ("X", "#888888", "no baseline"),
 }
-"""Marker, color and label of each status."""
+
+# Names of recordings that fit under the axis.
 _MAX_NAMES = 40
-"""Names of recordings that fit under the axis."""
+
+# Longer names are shortened in the middle.
 _MAX_NAME_LENGTH = 26
-"""Longer names are shortened in the middle."""
 
 
 @figure_style()

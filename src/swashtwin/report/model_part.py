@@ -186,10 +186,12 @@ _METRIC_LABELS = {
     "macro_auroc": "macro AUROC",
     "calibration_error": "expected calibration error",
 }
+
+# Accuracy by recording from which a test is shown as good news.
 _GOOD_ACCURACY = 0.9
-"""Accuracy by recording from which a test is shown as good news."""
+
+# Test recordings below which more are recommended.
 _MIN_TEST_RECORDINGS = 20
-"""Test recordings below which more are recommended."""
 
 
 def build_scores_part(scores: Scores, key: str) -> Part:

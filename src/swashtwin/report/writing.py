@@ -47,8 +47,9 @@ if TYPE_CHECKING:
     from swashtwin.calibration import Calibration
 
 FORMAT = "swashtwin report 1"
+
+# Titles of parts that the title of a page joins.
 _MAX_TITLES = 3
-"""Titles of parts that the title of a page joins."""
 
 Item: TypeAlias = (
     "Calibration | FaultClassifier | FittedClassifier | AnomalyDetector | AlarmScores | Scores | "

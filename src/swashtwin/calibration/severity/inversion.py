@@ -48,18 +48,24 @@ many minima.
 """
 MAX_STARTS = 3
 """Number of starts of descents."""
+
+# Fall of the sum of squares from which a valley is a deeper one.
 _MIN_DEPTH = 0.1
-"""Fall of the sum of squares from which a valley is a deeper one."""
+
 _MAX_DEEPER_VALLEYS = 3
+
+# Step of the differences: of the severity over the reference's, or of a logarithm.
 _DIFFERENCE_STEP = 1e-3
-"""Step of the differences: of the severity over the reference's, or of a logarithm."""
+
+# Number of times that the weights are computed again at the best point.
 _REWEIGHTING_ROUNDS = 2
-"""Number of times that the weights are computed again at the best point."""
+
 ERROR_PROBABILITY = 0.05
 """Probability of either error at the detection limit (Currie 1968, doi:10.1021/ac60259a007)."""
 _VALUE_BOUND_STDS = 6.0
+
+# Bounds of the search, in standard deviations of the priors.
 _DIMENSION_BOUND_STDS = 4.0
-"""Bounds of the search, in standard deviations of the priors."""
 
 
 Ends = tuple[float | None, float | None]

@@ -44,10 +44,12 @@ NOISE_PRIOR_STD = 0.7
 """The same of the noise's factor: at most fourfold in 95 % [an estimate of ours]."""
 MIN_NOISE_SCATTER = 0.05
 """Minimum standard deviation of ln noise from one recording to the next [an estimate of ours]."""
+
+# Distance from the piston-pass lines beyond which there is noise [lines of the spectrum].
 _LINE_CLEARANCE = 3.0
-"""Distance from the piston-pass lines beyond which there is noise [lines of the spectrum]."""
+
+# Samples of a segment of the noise's spectrum.
 _SEGMENT_SAMPLES = 16384
-"""Samples of a segment of the noise's spectrum."""
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,18 @@ from swashtwin.foundation import SwashTwinError
 
 THRESHOLD = float(scipy.stats.chi2.ppf(COVERAGE, 1))
 """Rise of the sum of squares at which an interval ends (Wilks)."""
+
+# Maximum number of points of one side of a profile.
 _MAX_POINTS = 30
-"""Maximum number of points of one side of a profile."""
+
+# Maximum number of steps of a descent.
 _MAX_STEPS = 12
-"""Maximum number of steps of a descent."""
+
 _MIN_DAMPING = 1e-6
 _MIN_RAISED_DAMPING = 1e-3
+
+# Expected fall of the sum of squares below which a descent has converged.
 _NEGLIGIBLE_FALL = 0.01
-"""Expected fall of the sum of squares below which a descent has converged."""
 
 
 class ProfileProblem(ABC):

@@ -126,6 +126,8 @@ MIN_LIKELIHOOD_DIFFERENCE = 6.0
 """Difference of -2 ln likelihood from which lines decide between two laws: one is twenty times
 likelier.
 """
+
+# Verdicts from the most to the least certain.
 _VERDICTS: tuple[SeverityVerdict, ...] = (
     "identified",
     "weak",
@@ -133,7 +135,6 @@ _VERDICTS: tuple[SeverityVerdict, ...] = (
     "not detected",
     "at bound",
 )
-"""Verdicts from the most to the least certain."""
 
 
 def combine_laws(shared: tuple[Severity, float], lifting: tuple[Severity, float]) -> Severity:

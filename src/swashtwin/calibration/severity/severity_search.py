@@ -60,10 +60,10 @@ UNIDENTIFIED_STD = 1.0
 """
 FIXED_STD = 1e-4
 """Standard deviation of a logarithm that is not searched."""
+
+# Distance from its prior mean, in standard deviations, at which a further dimension lies on its
+# bound of 4.
 _BOUND_STDS = 3.99
-"""Distance from its prior mean, in standard deviations, at which a further dimension lies on its
-bound of 4.
-"""
 
 
 def estimate_severity(

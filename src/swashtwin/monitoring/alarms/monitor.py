@@ -54,13 +54,17 @@ A bet that lost everything comes back, and the best bet may change with time (He
 1998, DOI 10.1023/A:1007424614876).
 """
 N_BETS = len(POWERS) + len(STAKES)
+
+# Relative step of the grid on which scores are stored; scores of one step are ties.
 _GRID_STEP = 0.02
-"""Relative step of the grid on which scores are stored; scores of one step are ties."""
+
 _MIN_SCORE = 1e-3
+
+# Scores beyond these limits are on the first and the last step, so that the grid is finite.
 _MAX_SCORE = 1e6
-"""Scores beyond these limits are on the first and the last step, so that the grid is finite."""
+
+# Added to the step of a large recording, so that it ranks above all that are not large.
 _LARGE_OFFSET = 100_000
-"""Added to the step of a large recording, so that it ranks above all that are not large."""
 
 
 @dataclass(frozen=True)

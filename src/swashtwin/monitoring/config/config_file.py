@@ -35,10 +35,11 @@ from swashtwin.monitoring.config.settings import (
 )
 from swashtwin.pump import load_pump
 
+# Start of an error message about an entry of a list, such as `source[0].`.
 _LIST_INDEX = re.compile(r"^(\w+)\[(\d+)\](?:\.|: )")
-"""Start of an error message about an entry of a list, such as ``source[0].``."""
+
+# Name of an environment variable in a secret.
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
-"""Name of an environment variable in a secret."""
 
 
 def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) -> WatchConfig:

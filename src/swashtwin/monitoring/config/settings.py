@@ -11,11 +11,14 @@ from swashtwin.pump import load_pump
 
 Text = Annotated[str, Meta(min_length=1, pattern=r"\S")]
 Port = Annotated[int, Meta(ge=1, le=65535)]
+
+# Usual port of a mail server by encryption (RFC 8314).
 _MAIL_PORTS = {"starttls": 587, "tls": 465, "none": 25}
-"""Usual port of a mail server by encryption (RFC 8314)."""
+
 _MQTT_PORT = 1883
+
+# Ports of MQTT that IANA assigned.
 _MQTT_TLS_PORT = 8883
-"""Ports of MQTT that IANA assigned."""
 
 
 class Secret:

@@ -34,15 +34,17 @@ was cut off, and its lock would keep out all others.
 """
 N_CONNECTIONS = 8
 """Connections to PostgreSQL: threads of the watch, and requests to the page."""
+
+# Number of the lock under which one process at a time creates the tables in PostgreSQL.
 _SCHEMA_LOCK = 0x73776173
-"""Number of the lock under which one process at a time creates the tables in PostgreSQL."""
+
+# Errors of a program; every other error of a database may be gone at the next attempt.
 _PROGRAM_ERRORS = (
     exc.DataError,
     exc.IntegrityError,
     exc.ProgrammingError,
     exc.NotSupportedError,
 )
-"""Errors of a program; every other error of a database may be gone at the next attempt."""
 
 
 class HistoryError(SwashTwinError):

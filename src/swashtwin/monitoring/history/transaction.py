@@ -29,10 +29,9 @@ from swashtwin.monitoring.history.schema import (
 
 N_RUN_UP = 10
 """Recordings before an alarm whose waveforms are kept with it: they show how it developed."""
+
+# Option of a change of many rows: objects in memory are not updated, since nobody reads them again.
 _WITHOUT_OBJECTS = {"synchronize_session": False}
-"""Option of a change of many rows: objects in memory are not updated, since nobody reads them
-again.
-"""
 
 
 class MachineTransaction:

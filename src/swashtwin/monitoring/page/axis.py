@@ -18,11 +18,13 @@ MAX_TICKS = 6
 """Round values on an axis, apart from those at its ends."""
 _MINUTE_S = 60
 _DAY_S = 86_400
+
+# Distances of marked times.
 _TIME_STEPS_S = (
     *(minutes * _MINUTE_S for minutes in (1, 5, 15, 60, 180, 360, 720)),
     *(days * _DAY_S for days in (1, 2, 7, 14, 30, 91, 365)),
 )
-"""Distances of marked times."""
+
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PLAIN_POWERS = {-1: "0.1", 0: "1", 1: "10", 2: "100"}
 

@@ -32,18 +32,23 @@ MIN_RESOLUTION_HZ = 2.0
 MAX_LINES = 1600
 """Points of one drawn spectrum, each the largest line of its group; a screen shows no more."""
 
+# Width of a field, in units that are stretched.
 _WIDTH = 1000.0
-"""Width of a field, in units that are stretched."""
+
+# Height of one line of text above a field.
 _LINE_PX = 16.0
-"""Height of one line of text above a field."""
+
+# Space below a field for the texts of its axis.
 _BOTTOM_PX = 22.0
-"""Space below a field for the texts of its axis."""
+
+# Distance of the names of two marks, as a share of the width; closer ones would overlap.
 _MIN_NAME_DISTANCE = 0.05
-"""Distance of the names of two marks, as a share of the width; closer ones would overlap."""
+
+# Distance of a tick's text from both sides, as a share of the width; otherwise it is cut off.
 _TICK_MARGIN = 0.02
-"""Distance of a tick's text from both sides, as a share of the width; otherwise it is cut off."""
+
+# Harmonics of the piston-pass frequency that are marked in a spectrum.
 _MARKED_HARMONICS = 4
-"""Harmonics of the piston-pass frequency that are marked in a spectrum."""
 
 
 class Mark(NamedTuple):

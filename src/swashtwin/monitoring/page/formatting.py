@@ -8,8 +8,10 @@ NO_VALUE = "—"
 """Shown for a value that is missing or not finite."""
 
 _MIN_PLAIN = 1e-3
+
+# Magnitudes between which a number is written without an exponent.
 _MAX_PLAIN = 1e5
-"""Magnitudes between which a number is written without an exponent."""
+
 _AGE_UNITS = ((86400, "d"), (3600, "h"), (60, "min"))
 _FREQUENCY = re.compile(r" \([^()]* Hz\)$")
 

@@ -26,8 +26,9 @@ BODY_TIMEOUT_S = 120.0
 UPLOAD_PATH = "/api/recordings"
 """Address that accepts recordings."""
 
+# Digits of a content length that is converted at all; `int` of a long text is slow.
 _MAX_LENGTH_DIGITS = 12
-"""Digits of a content length that is converted at all; `int` of a long text is slow."""
+
 _PUBLIC_PATHS = ("/login", "/health")
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:;"

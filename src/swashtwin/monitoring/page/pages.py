@@ -34,8 +34,10 @@ MAX_SILENCE = timedelta(days=1)
 MAX_TREND_POINTS = 2000
 """Newest points of a trend that are drawn; a screen shows no more."""
 _PAST_ALARMS = 200
+
+# Drawn spectra that are kept, since an open page loads them with each change of the history.
 _CACHED_SPECTRA = 16
-"""Drawn spectra that are kept, since an open page loads them with each change of the history."""
+
 _EVENTS_OF_MACHINE = 20
 _LOG_ROWS = 100
 

@@ -28,10 +28,13 @@ KEEP_ALIVE_S = 15
 """Time that a connection stays open after an answer."""
 ANSWER_TIMEOUT_S = 120.0
 """Time after which a client that takes nothing of an answer is disconnected (Linux only)."""
+
+# Time that running requests have when the server ends.
 _END_TIMEOUT_S = 2
-"""Time that running requests have when the server ends."""
+
+# Time that the server's thread has to end.
 _JOIN_TIMEOUT_S = 10.0
-"""Time that the server's thread has to end."""
+
 _POLL_S = 0.01
 
 

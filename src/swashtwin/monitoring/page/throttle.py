@@ -13,10 +13,12 @@ FIRST_WAIT_S = 2.0
 """Length of the first wait; each further wrong password doubles it."""
 MAX_WAIT_S = 900.0
 """Longest wait, and how long a quiet key is remembered."""
+
+# Doublings after which the wait has long been `MAX_WAIT_S`; it keeps the power finite.
 _MAX_DOUBLINGS = 20
-"""Doublings after which the wait has long been `MAX_WAIT_S`; it keeps the power finite."""
+
+# Keys that are remembered; a stranger who invents names must not fill the memory.
 _MAX_KEYS = 10_000
-"""Keys that are remembered; a stranger who invents names must not fill the memory."""
 
 
 class Throttle:

@@ -33,8 +33,9 @@ MAX_PASSWORD_LENGTH = 1000
 
 _NAME = re.compile(r"[\w.@ -]{1,64}")
 _HASHER = PasswordHasher()
+
+# Held while a password is checked: a check takes 64 MiB, so they run one after the other.
 _CHECK_LOCK = threading.Lock()
-"""Held while a password is checked: a check takes 64 MiB, so they run one after the other."""
 
 Kind = Literal["person", "token", "control"]
 """A person sees and acknowledges. A token reads and uploads; a token for control may also

@@ -196,6 +196,7 @@ class Pipeline:
         )
 
 
+# Text of each reason of a rejection, for the progress of the watch.
 _REASON_TEXTS = {
     "machine": "unknown machine",
     "double": "duplicate",
@@ -205,7 +206,6 @@ _REASON_TEXTS = {
     "points": "too many operating points",
     "error": "internal error",
 }
-"""Text of each reason of a rejection, for the progress of the watch."""
 
 
 def _load_model(path: Path | None) -> "tuple[Model, str] | str | None":

@@ -240,8 +240,8 @@ class PriorClassifier:
                 f"{', '.join(self.channels)}.",
                 field="names",
                 remedy=(
-                    "Name your channels like those ({channels} and {names}, or channels of a "
-                    "[[machine]]), or make a prior of your pump file (swashtwin twin prior)."
+                    "Name your channels like those with {channels} and {names}, or make a prior of "
+                    "your pump file (swashtwin twin prior)."
                 ),
             )
 

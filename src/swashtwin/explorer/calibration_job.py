@@ -41,11 +41,6 @@ class CalibrationJob:
         self.result: Calibration | None = None
         self._run = _Run()
 
-    @property
-    def is_running(self) -> bool:
-        """Whether a calibration runs."""
-        return self._run.state == "running"
-
     def start(self, twin: "Twin", recordings: Recordings) -> None:
         """Start to calibrate a twin on recordings.
 
@@ -54,7 +49,7 @@ class CalibrationJob:
         InputError
             A calibration runs already.
         """
-        if self.is_running:
+        if self._run.state == "running":
             raise InputError("A calibration is already running. Stop it first.")
         # A new object, so that a stopped run that still ends cannot change the new one's progress.
         self._run = _Run("running")

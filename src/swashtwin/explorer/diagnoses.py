@@ -112,11 +112,15 @@ class Diagnoses:
         labels = list(verdict.prediction_set[:2])
         if not labels and verdict.label:
             labels = [verdict.label]
+
+        spectrum_sentence = ""
+        if verdict.spectrum is not None:
+            spectrum_sentence = verdict.spectrum.sentence()
         return {
             **verdict.to_dict(),
             "sentence": verdict.sentence(),
             "checks": to_table(next_checks(*labels, unknown=verdict.unknown)),
-            "spectrum": "" if verdict.spectrum is None else verdict.spectrum.sentence(),
+            "spectrum": spectrum_sentence,
             **self._evidence(model, recording, verdict),
         }
 

@@ -44,7 +44,9 @@ MAX_VALUES = 1 << 22
 MAX_HEALTHY = 8
 """Healthy recordings that a spectrum is compared with."""
 MIN_SPREAD_DB = 1.0
-"""Smallest spread of a band power: remounting a sensor and temperature change it by as much."""
+"""Minimum spread of a band power, as in detectors of deviations; few recordings may agree by
+chance.
+"""
 MIN_HEALTHY_LENGTH = 0.5
 """Shortest healthy recording, relative to the one compared with it."""
 COMPARED_ROWS = 20
@@ -93,7 +95,9 @@ class RecordingViews:
             recording.sample_rate / 2 / MAX_LINES,
             recording.sample_rate / recording.n_samples,
         )
-        resolution = step if key.kind == "amplitude" else 0.0
+        resolution = 0.0  # the finest
+        if key.kind == "amplitude":
+            resolution = step
         spectrum = spectrum_of(recording, key.kind, band=key.band, resolution=resolution)
         if key.kind == "order":
             step = max(
@@ -135,14 +139,18 @@ class RecordingViews:
             diameter; its defect frequencies are marked.
         healthy : whether to add the range of healthy recordings at the same operating point.
         """
-        band = None if low is None or high is None else (low, high)
+        band = None
+        if low is not None and high is not None:
+            band = (low, high)
         spectrum, step, amplitude = self._spectrum(self._key(name, kind, band))
         shaft_hz = specified_shaft_frequency(self._workspace.recording(name))
 
         marks = [
             (mark.position, mark.name.replace("x", "×"), mark.of_pistons) for mark in spectrum.marks
         ]
-        order_length = 1.0 if kind == "order" else shaft_hz
+        order_length = shaft_hz
+        if kind == "order":
+            order_length = 1.0
         if order_length:
             marks += _piston_marks(order_length, pistons)
             marks += _bearing_marks(order_length, bodies, ratio)
@@ -273,8 +281,10 @@ class RecordingViews:
         if width >= BIN and width % BIN:
             raise InputError(f"Invalid width {width}: use less than {BIN} or a multiple of {BIN}.")
 
-        channels = recording.n_channels if channel is None else 1
-        if count * min(width, BIN) * channels > MAX_VALUES:
+        n_channels = 1
+        if channel is None:
+            n_channels = recording.n_channels
+        if count * min(width, BIN) * n_channels > MAX_VALUES:
             raise InputError(f"Too many values: one request returns at most {MAX_VALUES}.")
 
         if channel is None:
@@ -302,7 +312,9 @@ class RecordingViews:
 
         recording = self._workspace.recording(name)
         shaft_hz = specified_shaft_frequency(recording)
-        start_speeds = _START_SPEEDS_HZ if shaft_hz is None else (shaft_hz,)
+        start_speeds: tuple[float, ...] = _START_SPEEDS_HZ
+        if shaft_hz is not None:
+            start_speeds = (shaft_hz,)
         speeds = [detect_speed(recording, start, pistons) for start in start_speeds]
         clearest = max(speeds, key=lambda speed: speed.detected_contrast)
         if not clearest.is_clear:

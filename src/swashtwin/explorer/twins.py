@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 MIN_BANDWIDTH_HZ = 3000.0
 """Bandwidth of a twin without a calibration, unless its first piston-pass line lies above."""
-COMPARED_BAND_HZ = (0.0, 2500.0)
-"""Band whose lines are compared with measured ones; the paper's."""
 RESULT = "result"
 """Name of the start that the last calibration made."""
 
@@ -146,14 +144,18 @@ class TwinWorkbench:
         """
         start = self._start(setting.start)
         condition = self._condition(setting, start.twin)
-        fault = start.twin.fault if setting.fault == "start" else _make_fault(setting)
+        fault = start.twin.fault
+        if setting.fault != "start":
+            fault = _make_fault(setting)
 
         key = setting.start, id(start.calibration), condition, fault
         if self._base_twin is None or self._base_twin[0] != key:
             self._base_twin = key, replace(start.twin, condition=condition, fault=fault)
         base_twin = self._base_twin[1]
 
-        values = start.twin.values.numpy() if setting.values is None else setting.values
+        values = setting.values
+        if values is None:
+            values = start.twin.values.tolist()
         scales = start.twin.scales
         factors = {
             scale.name: getattr(scales, scale.name) * setting.scales.get(scale.name, 1.0)
@@ -200,7 +202,9 @@ class TwinWorkbench:
         if setting.recording:
             piston_count = twin.pump.rotating_group.piston_count
             is_shaft_line = (twin.orders % piston_count > 0) & (twin.orders > 1)
-            lines: LineKind = "shaft" if is_shaft_line.any() else "piston"
+            lines: LineKind = "piston"
+            if is_shaft_line.any():
+                lines = "shaft"
             facts = repr(self._workspace.rows[setting.recording].specified)
             return self._measured_lines(
                 setting.recording, facts, setting.start, setting.fault, lines
@@ -218,16 +222,23 @@ class TwinWorkbench:
 
         The second argument, the recording's facts, only renews the cached result when they change.
         """
-        from swashtwin.calibration import MeasuredLines, assign_single_channels, measure
+        from swashtwin.calibration import (
+            DEFAULT_BAND,
+            MeasuredLines,
+            assign_single_channels,
+            measure,
+        )
 
         twin = self._start(start).twin
         recording = self._workspace.recording(name)
         recording = assign_single_channels([recording], twin.pump)[0][0]
-        assumed_fault = twin.fault if fault == "start" else FAULT_KINDS.get(fault)
+        assumed_fault = twin.fault
+        if fault != "start":
+            assumed_fault = FAULT_KINDS.get(fault)
         twin = replace(twin, condition=_require_condition(name, recording), fault=assumed_fault)
 
         labeled = recording.replace(label=twin.label)
-        measurement = measure(twin, [labeled], COMPARED_BAND_HZ, lines)
+        measurement = measure(twin, [labeled], DEFAULT_BAND, lines)
         return MeasuredLines(
             measurement.channels, measurement.orders, measurement.amplitude, measurement.deviation
         )
@@ -244,12 +255,10 @@ class TwinWorkbench:
         Raises
         ------
         InputError
-            A calibration runs already, or no recording is selected.
+            No recording is selected, or a calibration runs already.
         DataError
             The recording has no operating point.
         """
-        if self.job.is_running:
-            raise InputError("A calibration is already running. Stop it first.")
         if not setting.recording:
             raise InputError("Select a recording to calibrate on.")
 
@@ -304,9 +313,10 @@ class TwinWorkbench:
             if recording.label and set(recording.channels) <= set(twin.pump.channels)
         ]
 
-        # A calibration that was changed by hand is no longer its own posterior.
-        is_calibrated = calibration is not None and not setting.has_changed_values
-        source = calibration if calibration is not None and is_calibrated else twin
+        # The posterior of a calibration does not describe a twin that was changed by hand.
+        source: Calibration | Twin = twin
+        if calibration is not None and not setting.has_changed_values:
+            source = calibration
         windows = synthesize(source, twin.fault, count=count, like=Recordings(like))
         file = self._write_new(name, ".safetensors", lambda path: save_windows(windows, path))
         return {

@@ -55,9 +55,8 @@ _MAX_CACHED_RECORDINGS = 4
 # Samples of all channels up to which a recording is read as a whole (64 MB as float64).
 _MAX_SAMPLES_AT_ONCE = 1 << 23
 
-_SPEED_TOLERANCE = 0.03
-
 # Relative differences up to which recordings share an operating point.
+_SPEED_TOLERANCE = 0.03
 _PRESSURE_TOLERANCE = 0.06
 
 
@@ -334,7 +333,10 @@ class Workspace:
                 return self._opened[name]
 
         # Read without the lock: a large file must not hold up other requests.
-        recording = self._open_entry(row) if row.recording is None else row.recording.unloaded()
+        if row.recording is None:
+            recording = self._open_entry(row)
+        else:
+            recording = row.recording.unloaded()
         with self._lock:
             self._opened[name] = recording
             while len(self._opened) > _MAX_CACHED_RECORDINGS:

@@ -50,7 +50,9 @@ def confusion(
     >>> [text.get_text() for text in figure.axes[0].texts]
     ['90', '10', '100']
     """
-    matrices = counts if isinstance(counts, Mapping) else {("", ""): np.asarray(counts)}
+    matrices = counts
+    if not isinstance(matrices, Mapping):
+        matrices = {("", ""): np.asarray(counts)}
     for matrix in matrices.values():
         _check_matrix(matrix, classes)
 
@@ -148,7 +150,12 @@ def spectrum(
     >>> spectrum(Recording(wave, 1000.0, "a")).axes[0].get_xlabel()
     'frequency [Hz]'
     """
-    lines = spectrum_of(source, kind, pistons=pistons) if isinstance(source, Recording) else source
+    if isinstance(source, Recording):
+        lines = spectrum_of(source, kind, pistons=pistons)
+    else:
+        lines = source
+
+    # the first line, at 0, is the mean of the samples and no vibration
     start = lines.position[1]
     end = _axis_end(lines)
     is_shown = (lines.position >= start) & (lines.position <= end)
@@ -204,9 +211,9 @@ def _name_marks(figure: Figure, top: Axes, marks: Sequence[Mark], gap: float) ->
 
 def _axis_end(lines: LineSpectrum) -> float:
     """Return the end of the axis: a little beyond the last line of the pistons if it is known."""
-    last = float(lines.position[-1])
+    highest_position = float(lines.position[-1])
     piston_lines = [mark.position for mark in lines.marks if mark.of_pistons]
-    return min(1.1 * max(piston_lines, default=last), last)
+    return min(1.1 * max(piston_lines, default=highest_position), highest_position)
 
 
 def format_unit(unit: str) -> str:

@@ -3,8 +3,8 @@
 A color means the same everywhere.
 
 The palette is that of Okabe and Ito (https://jfly.uni-koeln.de/color/), whose colors color-blind
-readers can distinguish; each training set and each class has one color, and a marker, a line style or a word
-repeats it.
+readers can distinguish. Each training set and each class has one color; a marker, a line style or
+a word repeats it.
 """
 
 import warnings
@@ -70,7 +70,8 @@ _SETTINGS: dict[Any, Any] = {
     "xtick.labelsize": 9,
     "ytick.labelsize": 9,
     "text.parse_math": False,  # a user's "$" is a dollar
-    "svg.fonttype": "none",  # text stays text: small, selectable, and any script shows in the reader's own font
+    # text stays text: small, selectable, and any script shows in the reader's own font
+    "svg.fonttype": "none",
     "svg.hashsalt": "swashtwin",
 }
 
@@ -122,9 +123,9 @@ def spread_labels(positions: Sequence[float], gap: float) -> list[float]:
     order = np.argsort(positions, kind="stable")
     gaps = gap * np.arange(len(positions))
     reduced = np.asarray(positions, dtype=float)[order] - gaps
-    moved = np.empty(len(order))
-    moved[order] = isotonic_regression(reduced).x + gaps
-    return [round(float(position), 12) for position in moved]
+    spread_positions = np.empty(len(order))
+    spread_positions[order] = isotonic_regression(reduced).x + gaps
+    return [round(float(position), 12) for position in spread_positions]
 
 
 def label_log_axis(axis: Axis) -> None:

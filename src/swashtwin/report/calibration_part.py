@@ -70,8 +70,10 @@ def build_calibration_part(calibration: Calibration, key: str) -> Part:
     )
 
     tone: Tone = "bad"
-    if has_improved:
-        tone = "good" if counts["identified"] >= _MIN_IDENTIFIED else "unsure"
+    if has_improved and counts["identified"] >= _MIN_IDENTIFIED:
+        tone = "good"
+    elif has_improved:
+        tone = "unsure"
 
     provenance = build_facts_table(
         "How the calibration was made.",
@@ -220,7 +222,7 @@ def fit_table(calibration: Calibration) -> Table:
 
     rows = []
     for name, label in ERROR_LABELS.items():
-        fall = improvement.get(name, math.nan) if nominal[name] else math.nan
+        fall = improvement.get(name, math.nan)
         change = "—"
         if math.isfinite(fall):
             sign = "−" if fall > 0 else "+"
@@ -272,6 +274,8 @@ def directions_table(calibration: Calibration) -> Table:
     """Return independent combinations of the six values."""
     posterior = calibration.posterior
     symbols = tuple(estimate.symbol for estimate in calibration.estimates)
+
+    # over the prior's deviations, so that an eigenvalue is the share of its variance that remains
     prior = posterior.unknowns.deviation[VALUE_SLICE]
     covariance = posterior.covariance[VALUE_SLICE, VALUE_SLICE] / np.outer(prior, prior)
     variance, directions = np.linalg.eigh(covariance)
@@ -281,8 +285,9 @@ def directions_table(calibration: Calibration) -> Table:
     directions = directions * np.sign(directions[largest, range(len(symbols))])
 
     rows = []
-    for remaining, direction in zip(variance, directions.T, strict=True):
-        width = format_percent(math.sqrt(max(remaining, 0.0)))
+    for remaining_variance, direction in zip(variance, directions.T, strict=True):
+        # rounding can make the variance of a well-known direction negative
+        width = format_percent(math.sqrt(max(remaining_variance, 0.0)))
         rows.append((width, *(f"{weight:+.2f}" for weight in direction)))
     return Table(
         "Independent combinations of the six values, the best known first: the share of the prior "
@@ -410,6 +415,7 @@ def _draw_spectrum_panel(panel: Axes, spectra: Spectra, channel: int) -> None:
     measured = spectra.measured[channel]
     lines = np.stack([measured, spectra.nominal[channel], spectra.calibrated[channel]])
     top = 20 * math.log10(max(lines.max(), 1e-9))
+    # a line of zero has no decibels and sets no limit
     weakest = lines.min(where=lines > 0, initial=10 ** (top / 20))
     floor = max(top - _RANGE_DB, 20 * math.log10(weakest) - 4)
 
@@ -435,6 +441,7 @@ def _draw_spectrum_panel(panel: Axes, spectra: Spectra, channel: int) -> None:
         label="calibrated twin, 90 % of its posterior",
     )
 
+    # a line without a deviation gets a bar of no length
     deviation = np.nan_to_num(spectra.deviation[channel])
     low = decibel(measured - deviation)
     high = decibel(measured + deviation)
@@ -493,7 +500,11 @@ def _draw_estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
     color = INTERFACE_COLORS[estimate.name.split(".")[0]]
     low, high = (bound / estimate.nominal for bound in estimate.bounds)
     interval = [end / estimate.nominal for end in estimate.interval]
-    is_identified = estimate.verdict == "identified"
+    marker_color = "white"
+    font_weight = "normal"
+    if estimate.verdict == "identified":
+        marker_color = color
+        font_weight = "bold"
 
     panel.barh(height, high - low, left=low, height=0.5, color="#efefef")
     panel.plot(interval, [height, height], color=color, linewidth=2.6)
@@ -502,7 +513,7 @@ def _draw_estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
         height,
         "o",
         color=color,
-        markerfacecolor=color if is_identified else "white",
+        markerfacecolor=marker_color,
         markersize=7,
         zorder=3,
     )
@@ -512,7 +523,7 @@ def _draw_estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
         xycoords=("axes fraction", "data"),
         va="center",
         fontsize=9,
-        fontweight="bold" if is_identified else "normal",
+        fontweight=font_weight,
     )
 
 
@@ -544,9 +555,11 @@ def draw_search(calibration: Calibration, key: str) -> Drawing:
 
     low = min(0.8, ratio.min() / 1.15)
     high = max(1.25, ratio.max() * 1.15)
-    is_network = calibration.method == "IPINN"
+    step_label = "simulation from the best start"
+    if calibration.method == "IPINN":
+        step_label = "epoch"
     value_panel.set(yscale="log", ylim=(low, high), ylabel="value over nominal value")
-    value_panel.set_xlabel("epoch" if is_network else "simulation from the best start")
+    value_panel.set_xlabel(step_label)
     value_panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     label_log_axis(value_panel.yaxis)
     for index, estimate in enumerate(calibration.estimates):

@@ -1,5 +1,6 @@
 """Part of the page about one recording: its class, or whether it deviates from the healthy ones."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -32,6 +33,7 @@ from swashtwin.report.wording import (
     list_facts,
     rig_notice,
 )
+from swashtwin.signals import BandPower
 
 _UNCALIBRATED = (
     "The model's confidence was not calibrated, so the score ranks the classes and is not a "
@@ -48,8 +50,8 @@ NO_VERDICT_ACTIONS = (
     "recording can be used.",
 )
 _NOT_CHECKED = (
-    "Whether the pump has a fault of a class that was never trained: the answer is always one of "
-    "the classes listed.",
+    "Whether the pump has a fault outside the trained classes: the answer is always one of the "
+    "classes listed.",
     "Whether it has two faults at once.",
     "Whether pump, sensors and mounting resemble those of the training; scores at split L4 show "
     "the cost of another pump.",
@@ -64,8 +66,8 @@ _NOT_CHECKED_IF_CALIBRATED = (
     _NOT_CHECKED[1],
     "Whether this recording resembles those that calibrated the confidence: rates and thresholds "
     "hold only for their pumps, sensors, mountings and operating points.",
-    "A fault that was never trained and looks like a trained class: only recordings far from all "
-    "trained classes are called unknown.",
+    "Whether the pump has a fault outside the trained classes that looks like one of them: only "
+    "recordings far from all trained classes are called unknown.",
 )
 
 
@@ -81,12 +83,16 @@ def build_diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     if diagnosis.label is None:
         return _without_verdict(frame, diagnosis)
 
-    confidence = _UNCALIBRATED if diagnosis.error_rate is None else diagnosis.sentence()
+    confidence = _UNCALIBRATED
+    if diagnosis.error_rate is not None:
+        confidence = diagnosis.sentence()
     notes = tuple(note for note in diagnosis.notes if note not in confidence)
     candidates = diagnosis.prediction_set or (diagnosis.label,)
     labels = tuple(diagnosis.fault_of.get(name, name) for name in candidates)
     checks = next_checks(*labels, unknown=diagnosis.unknown)[:_MAX_CHECKS]
-    marks_part = not (diagnosis.unknown or is_healthy(diagnosis.label))
+    marked_labels = labels[:1]
+    if diagnosis.unknown or is_healthy(diagnosis.label):
+        marked_labels = ()
 
     blocks: list[Any] = [
         Bullets("Further notes", notes[_MAX_CARD_NOTES:]),
@@ -106,7 +112,7 @@ def build_diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         tone=tone,
         certainty=(*_describe_certainty(diagnosis, confidence), *notes[:_MAX_CARD_NOTES]),
         actions=tuple(check.what for check in checks),
-        glance=build_glance(diagnosis, key, labels[:1] if marks_part else ()),
+        glance=build_glance(diagnosis, key, marked_labels),
     )
 
 
@@ -129,7 +135,9 @@ def _list_not_checked(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return what a verdict of this kind does not show."""
     if diagnosis.kind == "prior":
         return _NOT_CHECKED_BY_PRIOR
-    return _NOT_CHECKED if diagnosis.error_rate is None else _NOT_CHECKED_IF_CALIBRATED
+    if diagnosis.error_rate is None:
+        return _NOT_CHECKED
+    return _NOT_CHECKED_IF_CALIBRATED
 
 
 def _describe_certainty(diagnosis: Diagnosis, confidence: str) -> tuple[str, ...]:
@@ -161,19 +169,26 @@ def _describe_support(diagnosis: Diagnosis) -> str:
         return f"Of {count} classes the pump prior gives this one a probability of {share}."
 
     n_agreeing = round(diagnosis.agreement * diagnosis.n_windows)
-    kind = "score" if diagnosis.error_rate is None else "probability"
     return (
-        f"Of {count} classes this one has a {kind} of {share} over all windows; taken alone, "
+        f"Of {count} classes this one has a {_name_share(diagnosis)} of {share} over all windows; "
+        "taken alone, "
         f"{n_agreeing} of {diagnosis.n_windows} windows give this class "
         f"({format_percent(diagnosis.agreement)})."
     )
+
+
+def _name_share(diagnosis: Diagnosis) -> str:
+    """Return what the share of a class is: a probability only if the model was calibrated."""
+    if diagnosis.error_rate is None:
+        return "score"
+    return "probability"
 
 
 def _describe_verdict(diagnosis: Diagnosis) -> tuple[str, Tone]:
     """Return the verdict in a few words, and its color."""
     assert diagnosis.label is not None
     if diagnosis.is_prior_unknown:
-        return "Unknown: like a fault that was never trained", "unsure"
+        return "Unknown: like a fault outside the trained classes", "unsure"
     if diagnosis.unknown:
         return "Unknown: unlike every recording of the training", "unsure"
     if len(diagnosis.prediction_set) > 1:
@@ -221,7 +236,7 @@ def draw_probabilities(diagnosis: Diagnosis, key: str) -> Drawing:
     classes = list(diagnosis.probabilities)
     shares = list(diagnosis.probabilities.values())
     colors = series_colors(classes)
-    kind = "score" if diagnosis.error_rate is None else "probability"
+    share_name = _name_share(diagnosis)
 
     figure, axes = create_panels(1, 1, 0.9 + 0.34 * len(classes))
     panel = axes[0, 0]
@@ -236,7 +251,7 @@ def draw_probabilities(diagnosis: Diagnosis, key: str) -> Drawing:
     if diagnosis.kind == "prior":
         panel.set_xlabel("probability by virtual pumps")
     else:
-        panel.set_xlabel(f"{kind} of the class over all windows")
+        panel.set_xlabel(f"{share_name} of the class over all windows")
     panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     panel.set_xticks([0, 0.2, 0.4, 0.6, 0.8, 1])
     panel.invert_yaxis()
@@ -246,7 +261,7 @@ def draw_probabilities(diagnosis: Diagnosis, key: str) -> Drawing:
         f"{key}_scores",
         figure,
         {"class": classes, "score": shares},
-        title=f"{kind.capitalize()} of each class",
+        title=f"{share_name.capitalize()} of each class",
         caption=_caption_probabilities(diagnosis),
     )
 
@@ -304,6 +319,8 @@ def draw_spectrum_over_healthy(
     healthy ones.
     """
     count = len(spectrum.channels)
+
+    # the axis is logarithmic, and the first band may begin at 0 Hz
     first_edge = max(float(spectrum.low[0]), 1e-3)
     edges = np.append(np.maximum(spectrum.low, first_edge), spectrum.high[-1])
     healthy_min = spectrum.healthy.min(axis=0)
@@ -348,7 +365,9 @@ def draw_spectrum_over_healthy(
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
 
-    marked = " Dashed: the piston-pass line and its multiples." if piston_pass else ""
+    marked = ""
+    if piston_pass:
+        marked = " Dashed: the piston-pass line and its multiples."
     caption = (
         f"Blue: this recording. Gray: {spectrum.basis}; the line is their median, the band their "
         f"range.{marked} 6 dB are twice the amplitude."
@@ -400,11 +419,13 @@ def build_anomaly_part(verdict: Diagnosis, key: str) -> Part:
     answer: tuple[str, ...]
     actions: tuple[str, ...]
     tone: Tone
+    certainty = (verdict.sentence(), *verdict.notes)
     if verdict.alarm is None:
         title = "No verdict"
         tone = "unsure"
         answer = (capitalize_sentence(verdict.no_verdict or ""),)
         actions = NO_VERDICT_ACTIONS
+        certainty = verdict.notes
     elif verdict.alarm:
         title = "Alarm: unlike the healthy recordings"
         tone = "bad"
@@ -426,7 +447,6 @@ def build_anomaly_part(verdict: Diagnosis, key: str) -> Part:
             "a reference.",
         )
 
-    sentences = () if verdict.alarm is None else (verdict.sentence(),)
     return Part(
         title=f"Deviation of {verdict.recording_id}",
         answer=answer,
@@ -437,7 +457,7 @@ def build_anomaly_part(verdict: Diagnosis, key: str) -> Part:
         results={"diagnoses": [verdict.to_dict()]},
         verdict=title,
         tone=tone,
-        certainty=(*sentences, *verdict.notes),
+        certainty=certainty,
         actions=actions,
         glance=build_glance(verdict, key, ()),
         subject=verdict.recording_id,
@@ -464,6 +484,13 @@ def _tabulate_changes(verdict: Diagnosis) -> Table:
     return Table(caption, ("band", "channel", "change [dB]", "standard deviations"), rows)
 
 
+def _band_center(band: BandPower) -> float:
+    """Return where a band is drawn: at its order, or at its middle [Hz] on a logarithmic axis."""
+    if band.order is not None:
+        return band.order
+    return math.sqrt(band.low * band.high)
+
+
 @figure_style()
 def draw_band_changes(verdict: Diagnosis, key: str) -> Drawing:
     """Draw the change of each band, and of each shaft order, channel by channel, with three
@@ -474,6 +501,7 @@ def draw_band_changes(verdict: Diagnosis, key: str) -> Drawing:
     change = verdict.deviation.change
     spreads = verdict.deviation.spreads
     healthy_std = change / np.where(spreads == 0, 1, spreads)
+    centers = np.array([_band_center(band) for band in bands])
     channels = list(dict.fromkeys(band.channel for band in bands))
     has_orders = any(band.order is not None for band in bands)
 
@@ -491,17 +519,16 @@ def draw_band_changes(verdict: Diagnosis, key: str) -> Drawing:
                 and not band.is_envelope
                 and (band.order is not None) is shows_orders
             ]
-            center = [
-                bands[index].order
-                if bands[index].order is not None
-                else (bands[index].low * bands[index].high) ** 0.5
-                for index in members
-            ]
             reach = 3 * healthy_std[members]
-            panel.fill_between(center, -reach, reach, color=LIGHT, linewidth=0)
+            panel.fill_between(centers[members], -reach, reach, color=LIGHT, linewidth=0)
             panel.axhline(0, color=MEASURED, linewidth=0.8)
             panel.plot(
-                center, change[members], color=CALIBRATED, marker=".", markersize=4, linewidth=1
+                centers[members],
+                change[members],
+                color=CALIBRATED,
+                marker=".",
+                markersize=4,
+                linewidth=1,
             )
             panel.set_title(format_label(channel), loc="left")
             if not shows_orders:

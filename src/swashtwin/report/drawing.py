@@ -80,6 +80,7 @@ class Drawing:
         for size in ("width", "height"):
             body = re.sub(rf'(<svg[^>]*?) {size}="[^"]*"', r"\1", body, count=1)
 
+        # ids of several figures on one page must differ
         body = re.sub(r'\bid="([^"]+)"', rf'id="{self.name}-\1"', body)
         body = re.sub(r'href="#([^"]+)"', rf'href="#{self.name}-\1"', body)
         body = re.sub(r"url\(#([^)]+)\)", rf"url(#{self.name}-\1)", body)
@@ -111,16 +112,20 @@ def render_drawing(
 
 def tabulate(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Return the columns of rows that all have the same names."""
-    rows = list(rows)
-    names = rows[0] if rows else ()
-    return {name: [row[name] for row in rows] for name in names}
+    columns: dict[str, list[Any]] = {}
+    for row in rows:
+        for name, value in row.items():
+            columns.setdefault(name, []).append(value)
+    return columns
 
 
 def _as_plain_value(value: Any) -> Any:
     """Return an entry of a CSV file: empty for `None`, Python's number for NumPy's."""
     if value is None:
         return ""
-    return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
 
 
 Family = Literal["pistons", "shaft"]
@@ -196,7 +201,9 @@ class Cutaway:
     @property
     def parts(self) -> tuple[str, ...]:
         """Parts that are marked."""
-        return _MARKS[self.label].parts if self.label else ()
+        if not self.label:
+            return ()
+        return _MARKS[self.label].parts
 
     @property
     def family(self) -> Family:
@@ -211,8 +218,10 @@ class Cutaway:
     @property
     def description(self) -> str:
         """The drawing in words."""
-        marked = f"; marked: {' and '.join(self.parts)}. {self.sentence}" if self.parts else "."
-        return f"Section through an axial piston pump{marked}"
+        section = "Section through an axial piston pump"
+        if not self.parts:
+            return f"{section}."
+        return f"{section}; marked: {' and '.join(self.parts)}. {self.sentence}"
 
 
 @cache
@@ -242,5 +251,7 @@ def build_cutaways(
     label: str, pistons: int | None = None, shaft: float | None = None
 ) -> tuple[Cutaway, ...]:
     """Return the drawing for a class; none for a healthy pump, or if the part is not known."""
-    known_class = label if label in _MARKS else propose_class(label) or ""
-    return (Cutaway(known_class, pistons, shaft),) if known_class in _MARKS else ()
+    for known_class in (label, propose_class(label) or ""):
+        if known_class in _MARKS:
+            return (Cutaway(known_class, pistons, shaft),)
+    return ()

@@ -73,8 +73,7 @@ def _describe_margin(evidence: Evidence) -> str:
     )
     if not evidence.adds_up:
         return f"{change} {evidence.remark} The order of the lines may still help."
-    error = evidence.completeness_error
-    gap = format_percent(error) if error else "0 %"
+    gap = format_percent(evidence.completeness_error)
     return (
         f"{change} The figure below divides that change between lines (by integrated gradients; "
         f"{gap} of it is not attributed)."
@@ -137,7 +136,9 @@ def draw_contributions(evidence: Evidence, key: str) -> Drawing:
         panel.grid(axis="x", visible=False)
     axes[len(channels) // 2, 0].set_ylabel("adds to the score")
     _label_bands(axes[-1, 0], positions, bands)
-    axis_label = "shaft order, then third octaves" if has_orders else "third octaves"
+    axis_label = "third octaves"
+    if has_orders:
+        axis_label = "shaft order, then third octaves"
     if has_envelope:
         axis_label += "; then the same of the envelope"
     axes[-1, 0].set_xlabel(axis_label)
@@ -148,8 +149,10 @@ def draw_contributions(evidence: Evidence, key: str) -> Drawing:
     caption = (
         f"Blue speaks for {format_label(evidence.label)}, orange for "
         f"{format_label(evidence.rival)}.{marked} A bar is the contribution of the lines in that "
-        f"order or third octave to the network's score.{_ENVELOPE_CAPTION if has_envelope else ''}"
+        "order or third octave to the network's score."
     )
+    if has_envelope:
+        caption += _ENVELOPE_CAPTION
     columns: dict[str, Any] = {
         "channel": np.repeat(channels, len(positions)),
         "band": [band.name for band in bands] * len(channels),
@@ -188,6 +191,7 @@ def _label_bands(panel: Axes, positions: np.ndarray, bands: Sequence[Band]) -> N
         if band.part == "whole":
             names[index] = band.name
 
-    has_octaves = any(band.order is None and band.low > 0 for band in bands)
-    rotation = 90 if has_octaves else 0
+    rotation = 0
+    if any(band.order is None and band.low > 0 for band in bands):
+        rotation = 90  # frequencies are too long to stand side by side
     panel.set_xticks(positions[list(names)], list(names.values()), rotation=rotation)

@@ -118,10 +118,12 @@ def _draw_baseline(panel: Axes, trend: Trend, factor: float) -> None:
 
 def _label_recordings(panel: Axes, recording_ids: Sequence[str]) -> None:
     """Write as many names under the axis as fit, shortened in the middle."""
-    names = [
-        name if len(name) <= _MAX_NAME_LENGTH else f"{name[:13]}…{name[-12:]}"
-        for name in recording_ids
-    ]
+    names = []
+    for name in recording_ids:
+        if len(name) > _MAX_NAME_LENGTH:
+            # both ends stay: names of one series often differ in their last digits alone
+            name = f"{name[:13]}…{name[-12:]}"
+        names.append(name)
     step = math.ceil(len(names) / _MAX_NAMES)
     panel.set_xticks(range(0, len(names), step), names[::step], rotation=90, fontsize=7.5)
     panel.set_xlim(-0.8, len(names) - 0.2)
@@ -174,4 +176,6 @@ def _caption_trend(trend: Trend) -> str:
 
 
 def _empty_if_nan(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    if math.isnan(value):
+        return None
+    return value

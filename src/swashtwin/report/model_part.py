@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from swashtwin.foundation import plural
 from swashtwin.learning import SPLITS, CandidateChoice, FittedClassifier, Scores
 from swashtwin.plot import confusion, figure_style, format_label
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
-from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
+from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table, Tone
 from swashtwin.report.wording import (
     add_bar_values,
     build_facts_table,
@@ -156,8 +156,9 @@ def build_choice_blocks(choice: CandidateChoice | None) -> tuple[str | Table | G
 
     rows = []
     for trial in choice.trials:
-        is_selected = trial.candidate == choice.candidate
-        name = f"{trial.candidate} (selected)" if is_selected else trial.candidate
+        name = trial.candidate
+        if trial.candidate == choice.candidate:
+            name += " (selected)"
         recalls = format_percent(trial.clean), format_percent(trial.disturbed)
         rows.append((name, *recalls, "yes" if trial.is_tied else ""))
     for head, recall in choice.head_recalls.items():
@@ -197,15 +198,20 @@ _MIN_TEST_RECORDINGS = 20
 def build_scores_part(scores: Scores, key: str) -> Part:
     """Return the part of the page about one set of scores."""
     n_right = round(scores.recording_accuracy * scores.n_recordings)
-    count = "All" if n_right == scores.n_recordings else f"{n_right} of"
-    weakest = _describe_weakest_class(scores)
+    count = f"{n_right} of"
+    if n_right == scores.n_recordings:
+        count = "All"
+
+    tone: Tone = "unsure"
+    if scores.recording_accuracy >= _GOOD_ACCURACY:
+        tone = "good"
     return Part(
         title="Test of a model",
-        answer=(f"Weakest class: {weakest}.",) if weakest else (),
+        answer=_describe_weakest_class(scores),
         sections=(Section(SectionOrder.SCORES, "Scores", _score_blocks(scores, key)),),
         results={"scores": [scores.to_dict()]},
         verdict=f"{count} {plural(scores.n_recordings, 'recording')} classified correctly",
-        tone="good" if scores.recording_accuracy >= _GOOD_ACCURACY else "unsure",
+        tone=tone,
         certainty=(_describe_accuracy(scores), _describe_mistakes(scores)),
         actions=_recommend_actions(scores),
     )
@@ -263,8 +269,9 @@ def _describe_mistakes(scores: Scores) -> str:
     """Return the rates of false alarms and missed faults."""
 
     def rate(share: float) -> str:
-        text = format_number(100 * share)
-        return text if text == "—" else f"{text} %"
+        if not math.isfinite(share):
+            return "—"
+        return f"{format_number(100 * share)} %"
 
     return (
         f"False alarms: {rate(scores.false_alarm_rate)} of the healthy windows. Missed faults: "
@@ -282,21 +289,21 @@ def _find_weakest_class(scores: Scores) -> str | None:
     return min(recalls)[1]
 
 
-def _describe_weakest_class(scores: Scores) -> str:
-    """Return the class with the lowest recall, and the class it is mistaken for; empty if there
-    is none.
+def _describe_weakest_class(scores: Scores) -> tuple[str, ...]:
+    """Return a sentence on the class with the lowest recall, and the class it is mistaken for;
+    nothing if there is none.
     """
     name = _find_weakest_class(scores)
     if name is None:
-        return ""
+        return ()
 
     index = scores.classes.index(name)
     mistakes = scores.confusion[index].copy()
     mistakes[index] = 0
     mistaken_for = (*scores.classes, "no verdict")[int(mistakes.argmax())]
     return (
-        f"{format_label(name)}, {100 * scores.recall[name]:.0f} % of its windows classified "
-        f"correctly, most of the others as {format_label(mistaken_for)}"
+        f"Weakest class: {format_label(name)}, {100 * scores.recall[name]:.0f} % of its windows "
+        f"classified correctly, most of the others as {format_label(mistaken_for)}.",
     )
 
 
@@ -388,9 +395,10 @@ def _describe_matrix(key: tuple[str, str], counts: np.ndarray, classes: Sequence
     ]
     if not shares:
         return ""
-    position = ", ".join(part for part in key if part)
-    panel = f" ({position})" if position else ""
-    return f"Classified correctly{panel}: {', '.join(shares)}"
+    position = ", ".join(filter(None, key))
+    if position:
+        position = f" ({position})"
+    return f"Classified correctly{position}: {', '.join(shares)}"
 
 
 def build_alarms_part(scores: AlarmScores) -> Part:
@@ -443,9 +451,9 @@ def _alarms_table(scores: AlarmScores) -> Table:
                 alarms.n_recordings,
                 alarms.n_no_verdict,
                 alarms.n_alarms,
-                "–" if alarms.alarm_rate is None else format_percent(alarms.alarm_rate),
+                _format_if_defined(alarms.alarm_rate, format_percent),
                 f"{format_percent(low)} to {format_percent(high)}",
-                "–" if alarms.auroc is None else format_number(alarms.auroc),
+                _format_if_defined(alarms.auroc, format_number),
             )
         )
     return Table(
@@ -453,3 +461,9 @@ def _alarms_table(scores: AlarmScores) -> Table:
         ("class", "recordings", "no verdict", "alarms", "alarm rate", "95 % interval", "AUROC"),
         tuple(rows),
     )
+
+
+def _format_if_defined(value: float | None, formatted: Callable[[float], str]) -> str:
+    if value is None:
+        return "–"
+    return formatted(value)

@@ -24,6 +24,12 @@ class Cell:
     """Tooltip, such as the reason for a missing number."""
 
 
+def _as_cell(entry: Any) -> Cell:
+    if isinstance(entry, Cell):
+        return entry
+    return Cell(str(entry))
+
+
 @dataclass(frozen=True)
 class Bullets:
     """Short remarks under one heading."""
@@ -50,10 +56,7 @@ class Table:
     @property
     def cells(self) -> list[list[Cell]]:
         """Every entry as a cell."""
-        return [
-            [entry if isinstance(entry, Cell) else Cell(str(entry)) for entry in row]
-            for row in self.rows
-        ]
+        return [[_as_cell(entry) for entry in row] for row in self.rows]
 
 
 @dataclass(frozen=True, eq=False)

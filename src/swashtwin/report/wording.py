@@ -65,7 +65,9 @@ def format_number_cell(value: float | None, reason: str = "") -> Cell:
     text = format_number(value)
     if text == "—":
         return Cell(text, reason or "not defined for these data")
-    return Cell(f"{text} *" if reason else text, reason)
+    if reason:
+        text += " *"
+    return Cell(text, reason)
 
 
 def format_parameter(name: str) -> str:

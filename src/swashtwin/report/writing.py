@@ -171,30 +171,30 @@ build_part.register(FittedClassifier)(build_training_part)
 
 
 @build_part.register
-def _(item: Part, key: str) -> Part:
-    return item
+def _(part: Part, key: str) -> Part:
+    return part
 
 
 @build_part.register
-def _(item: Diagnosis, key: str) -> Part:
-    if item.kind == "detector":
-        return build_anomaly_part(item, key)
-    return build_diagnosis_part(item, key)
+def _(diagnosis: Diagnosis, key: str) -> Part:
+    if diagnosis.kind == "detector":
+        return build_anomaly_part(diagnosis, key)
+    return build_diagnosis_part(diagnosis, key)
 
 
 @build_part.register
-def _(item: FaultClassifier, key: str) -> Part:
-    return build_training_part(item.fitted_, key)
+def _(classifier: FaultClassifier, key: str) -> Part:
+    return build_training_part(classifier.fitted_, key)
 
 
 @build_part.register
-def _(item: AnomalyDetector, key: str) -> Part:
-    return build_detector_part(item)
+def _(detector: AnomalyDetector, key: str) -> Part:
+    return build_detector_part(detector)
 
 
 @build_part.register
-def _(item: AlarmScores, key: str) -> Part:
-    return build_alarms_part(item)
+def _(scores: AlarmScores, key: str) -> Part:
+    return build_alarms_part(scores)
 
 
 def _collect_content(
@@ -209,8 +209,9 @@ def _collect_content(
     cards = build_cards(parts)
     overview = build_overview(parts, cards)
 
-    has_one_subject = len({part.subject for part in parts}) == 1
-    facts = find_shared_facts(parts) if has_one_subject else {}
+    facts: dict[str, str] = {}
+    if len({part.subject for part in parts}) == 1:
+        facts = find_shared_facts(parts)
     if sum(bool(part.facts) for part in parts) > 1:
         facts.pop("Recordings", None)  # a count that holds for one part alone
     summary = summarize_recordings(recordings)

@@ -19,8 +19,8 @@ from fastapi import FastAPI
 from swashtwin.foundation import InputError
 
 MAX_CONNECTIONS = 300
-"""Connections at the same time; a request beyond them is answered with 503. It stays well below
-1024 open files, the usual limit of a process.
+"""Connections at the same time; a request beyond them is answered with 503. Our choice: a process
+may usually have 1024 files open, and the watch opens others too.
 """
 MAX_HEADER_BYTES = 32 * 1024
 """Longest head of a request."""

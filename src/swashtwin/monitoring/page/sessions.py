@@ -24,9 +24,9 @@ from swashtwin.monitoring.page.users import UserFile, digest
 COOKIE = "swashtwin_visit"
 """Name of the cookie; it holds the id of a visit, and after a login that of the session."""
 SESSION_SECONDS = 12 * 3600.0
-"""How long a login lasts without a request [s]: one shift."""
+"""How long a login lasts without a request [s]; our choice."""
 MAX_SESSION_SECONDS = 7 * 24 * 3600.0
-"""How long a login lasts in total [s]."""
+"""How long a login lasts in total [s]; our choice."""
 _MAX_SESSIONS = 1000
 
 

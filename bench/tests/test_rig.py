@@ -167,7 +167,7 @@ def test_a_folder_with_files_and_an_unknown_size_are_refused(tmp_path: Path) -> 
     (tmp_path / "mine.txt").write_text("keep me")
     with pytest.raises(InputError, match="not empty"):
         build_rig(tmp_path, seed=0)
-    with pytest.raises(InputError, match="choose one of tiny, short, small, paper"):
+    with pytest.raises(InputError, match="must be one of tiny, short, small, paper"):
         build_rig(tmp_path / "new", seed=0, size="huge")
 
 
@@ -203,7 +203,7 @@ def test_thirteen_accelerometers_sit_where_the_pump_file_says() -> None:
 @pytest.mark.parametrize(("version", "sensors"), [("2", 13), ("1", 5)])
 def test_a_number_of_sensors_that_a_version_has_not_is_refused(version: str, sensors: int) -> None:
     with pytest.raises(
-        InputError, match=rf"{sensors} sensors cannot be recorded by version {version} of the rig"
+        InputError, match=rf"Version {version} of the rig cannot record {sensors} sensors"
     ):
         next(iter(rig_recordings(0, LONGER, version=version, sensors=sensors)))
 

@@ -73,7 +73,7 @@ def test_recordings_are_of_the_classes_speeds_and_sizes_asked_for() -> None:
         run.fault.second for _, run in pairs if isinstance(run.fault, Damage) and run.fault.second
     )
     assert second.label in CLASSES
-    with pytest.raises(InputError, match="'loose_slipper' is no class of rig version 2"):
+    with pytest.raises(InputError, match="Invalid class 'loose_slipper' for version 2 of the rig"):
         list(rig_recordings(0, TINY, labels=("loose_slipper",), version="2"))
 
 

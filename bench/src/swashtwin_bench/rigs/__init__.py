@@ -1,14 +1,14 @@
 """The virtual rig: measured-like recordings of a fleet of pumps that do not exist.
 
 **What it is.** A generator of vibration recordings whose truth the twin does not contain
-(`rig.fleet`), so that calibration has something to find and something it cannot find, and the whole
-method can be tried and tested without a machine. Its difficulty was set by the severities, the
-noise and the scatter in `rig.fleet` and `rig.measuring` (how, and what came out, stands in
-docs/bench/rig.md). It has versions (`writing.VERSIONS`), each of them frozen.
+(`rigs.fleet`). Calibration can find a part of that truth and cannot find the rest, so that the
+whole method can be tested without a machine. Severities, noise and scatter in `rigs.fleet` and
+`rigs.measuring` set its difficulty (docs/bench/rig.md describes how, and the outcome). It has
+versions (`writing.VERSIONS`), each of them frozen.
 
-**What it is not.** A machine. No figure made on it says how well anything works on a real pump, and
-every report that uses it says so. Version 1 shares with the twin the rigid-body equations, the
-chamber pressures, the fault laws and the pump's drawing (geometry, masses, sensor places). Its
-interface values, mounting, bearings, clearances, housing, contact, scatter, drift and noise are its
-own. `version_two` shares less, `version_three` nothing.
+**What it is not.** A machine. No figure made on it states how well anything works on a real pump,
+and every report that uses it says so. Version 1 shares with the twin the rigid-body equations, the
+chamber pressures, the fault laws and the pump's drawing (geometry, masses, positions of the
+sensors). Its interface values, mounting, bearings, clearances, housing, contact, scatter, drift and
+noise are separate. `version_two` shares less, `version_three` nothing.
 """

@@ -1,10 +1,9 @@
-"""Which recordings the virtual rig takes, and how it puts them on disk."""
+"""Versions of the virtual rig, the recordings that each one takes, and their files."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 
@@ -33,46 +32,50 @@ from swashtwin_bench.rigs.version_two import fleet as version_two
 from swashtwin_bench.rigs.version_two.measuring import measure as measure_two
 
 RIG_VERSION = "1"
-"""Version that is taken where none is named. No recording of a version ever changes: another law is
-another version.
-"""
+"""Default version. No recording of a version ever changes: a change makes a new version."""
 
 OTHER_DESIGNS = ("3",)
-"""Versions whose pumps are not of the design 25scy14-1b, so that a prior is told their pistons."""
+"""Versions with pumps of other designs than 25scy14-1b, whose priors need the piston count."""
 
 DEEP_VERSION = "1-deep"
-"""Version 1 with the paper's recess of 0.6 mm; all recordings without a recess are those of version
-1.
+"""Version 1 with the paper's recess of 0.6 mm; recordings of other classes are those of version 1.
 """
 
 MANIFEST_NAME = "rig.json"
-"""File in a rig's folder that says what the rig is, so that a run that was interrupted can go
-on.
-"""
+"""File in a rig's folder that describes the rig, so that an interrupted run can be resumed."""
 
 SAMPLE_RATE = 25600.0
 """Readings per second and channel [Hz]."""
 
 PUMPS = MappingProxyType({3: "25scy14-1b", 13: "25scy14-1b-13"})
-"""Pump file by the number of its accelerometers."""
+"""Pump file by number of accelerometers."""
 
 SPEED = rpm(860)
-"""Set speed [rad/s], the paper's."""
+"""Set speed of version 1 [rad/s], the paper's."""
 
 PRESSURES = (MPa(5), MPa(10), MPa(15))
 """Set discharge pressures [Pa], the paper's."""
 
+# Set speeds of version 2 [rad/s]: the paper's, and one that moves every line of the spectrum.
+_SPEEDS_TWO = (SPEED, rpm(1120))
+
+# Set speeds of version 3 [rad/s].
+_SPEEDS_THREE = (rpm(1000), rpm(1450))
+
+# Recordings of a class and pressure between two reassemblies of a pump of version 3.
+_REPEATS_PER_ASSEMBLY = 3
+
 
 @dataclass(frozen=True)
 class RigSize:
-    """How much is recorded."""
+    """Number and length of the recordings."""
 
     specimens: int
     """Pumps in the fleet."""
     repeats: int
     """Recordings per pump, class and pressure."""
     duration: float = 4.0
-    """Length of each [s]."""
+    """Length of each recording [s]."""
 
 
 SIZES = MappingProxyType(
@@ -83,14 +86,17 @@ SIZES = MappingProxyType(
         "paper": RigSize(specimens=6, repeats=4),
     }
 )
-"""``tiny`` is for trying things out, ``short`` for studies of many fleets, ``small`` for a demo.
-``paper`` holds, in each class, over three times the paper's 650 windows of 80 ms, so that a study
-can take the paper's counts for training and test on recordings it did not train on.
+"""Sizes by name: ``tiny`` for trials, ``short`` for studies of many fleets, ``small`` for a demo.
+
+``paper`` has in each class over three times the paper's 650 windows of 80 ms, so that a study can
+take the paper's counts for training and test on other recordings.
 """
 
 
 @dataclass(frozen=True)
 class _Slot:
+    """One recording to be taken."""
+
     specimen: str
     label: str
     pressure: float
@@ -104,36 +110,57 @@ class _Slot:
 
     @property
     def speed(self) -> float:
-        """Set speed [rad/s]: recordings of a cell take turns where there are several."""
+        """Set speed [rad/s]: successive repeats alternate between the speeds of the version."""
         speeds = VERSIONS[self.version].speeds
         return speeds[(self.repeat - 1) % len(speeds)]
 
 
-def _slots(
+def _list_slots(
     size: RigSize,
     version: str,
     sensors: int,
     labels: Sequence[str] = CLASSES,
     pressures: Sequence[float] | None = None,
 ) -> list[_Slot]:
+    """Return the recordings of a rig in their fixed order.
+
+    Raises
+    ------
+    InputError
+        The version, a class or the number of sensors is unknown.
+    """
     require_version(version)
     classes = VERSIONS[version].labels
-    if unknown := set(labels) - set(classes):
+
+    unknown = set(labels) - set(classes)
+    if unknown:
         raise InputError(
-            f"{min(unknown)!r} is no class of rig version {version}; it has {', '.join(classes)}."
+            f"Invalid class {min(unknown)!r} for version {version} of the rig: "
+            f"use {', '.join(classes)}."
         )
-    if sensors not in PUMPS or (
-        sensors != 3 and VERSIONS[version].draw_specimen is not draw_specimen
-    ):
+
+    # Only version 1 places its sensors by the pump file; the others drew theirs for three.
+    draws_by_pump_file = VERSIONS[version].draw_specimen is draw_specimen
+    if sensors not in PUMPS or (sensors != 3 and not draws_by_pump_file):
         raise InputError(
-            f"{sensors} sensors cannot be recorded by version {version} of the rig: version 1 has "
+            f"Version {version} of the rig cannot record {sensors} sensors: version 1 has "
             f"{' or '.join(map(str, PUMPS))}, the others have 3."
         )
-    names = [chr(ord("A") + i) for i in range(size.specimens)]
-    cells = product(
-        names, classes, PRESSURES if pressures is None else pressures, range(1, size.repeats + 1)
-    )
-    return [_Slot(*cell, version, sensors) for cell in cells if cell[1] in labels]
+
+    if pressures is None:
+        pressures = PRESSURES
+
+    slots = []
+    for index in range(size.specimens):
+        specimen = chr(ord("A") + index)
+        for label in classes:
+            if label not in labels:
+                continue
+            for pressure in pressures:
+                for repeat in range(1, size.repeats + 1):
+                    slots.append(_Slot(specimen, label, pressure, repeat, version, sensors))
+
+    return slots
 
 
 def draw_run(
@@ -144,8 +171,9 @@ def draw_run(
     fault: Fault | None,
     speed: float = SPEED,
 ) -> Run:
-    """Measurement `name` of a reassembled pump at a set pressure [Pa] and speed [rad/s]: the
-    condition that held.
+    """Return measurement `name` of a reassembled pump, with its true operating point.
+
+    The true values scatter around the set pressure [Pa] and speed [rad/s].
     """
     rng = random_stream(seed, "condition", name)
     condition = OperatingCondition(
@@ -153,26 +181,27 @@ def draw_run(
         discharge_pressure=pressure * rng.uniform(0.97, 1.03),
         oil_temperature=celsius(rng.uniform(30, 60)),
     )
+
     return Run(specimen.reassemble(seed, name), condition, fault)
 
 
 @dataclass(frozen=True)
 class RigVersion:
-    """One version of the rig: what its pumps are, how they are run and how they are measured."""
+    """One version of the rig: its pumps, their operating points and their measurement."""
 
     speeds: tuple[float, ...]
     """Set speeds [rad/s]."""
     draw_specimen: Callable[[Pump, str, int], Specimen]
-    """Pump of a name and a seed, made from the nominal one."""
+    """Draws the pump of a name and a seed from the nominal one."""
     run: Callable[[_Slot, Specimen, int], Run]
-    """Measurement of a slot under a seed."""
+    """Draws the measurement of a slot and a seed."""
     measure: Callable[
         [Sequence[Run], float, float, Sequence[tuple[int, str]]],
         list[Float[np.ndarray, "sensor time"]],
     ]
-    """Readings of runs, for a duration [s], at a sample rate [Hz]."""
+    """Measures runs for a duration [s] at a sample rate [Hz]."""
     labels: tuple[str, ...] = CLASSES
-    """Classes that it can record."""
+    """Classes that the version can record."""
 
 
 def _draw_first_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
@@ -181,27 +210,34 @@ def _draw_first_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool
 
 
 def _draw_second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
-    """A pump that is not reassembled keeps its fault and its assembly in all recordings of a
-    class.
+    """Return the measurement of a slot of version 2.
+
+    A pump that is not reassembled keeps its fault and its assembly in all recordings of a class.
     """
     assert isinstance(specimen, version_two.SecondSpecimen)
     purpose = slot.name if specimen.is_reassembled else f"{slot.specimen}_{slot.label}"
     fault = version_two.draw_fault(slot.label, slot.specimen, seed, purpose, is_deep=is_deep)
+
     rng = random_stream(seed, "condition of version 2", slot.name)
     condition = OperatingCondition(
         speed=slot.speed * (1 - rng.uniform(0.002, 0.008) * slot.pressure / MPa(15)),
         discharge_pressure=slot.pressure * specimen.gauge * rng.uniform(0.96, 1.04),
         oil_temperature=celsius(rng.uniform(28, 62)),
     )
+
     return Run(specimen.reassemble(seed, purpose), condition, fault)
 
 
 def _draw_third_run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
-    """A pump is put together anew for another part, and after every third recording of a class and
-    pressure.
+    """Return the measurement of a slot of version 3.
+
+    A pump is reassembled for each class, and after every third recording of a class and pressure.
     """
     assert isinstance(specimen, version_three.ThirdSpecimen)
-    purpose = f"{slot.specimen}_{slot.label}_{(slot.repeat - 1) // 3}"
+    assembly = (slot.repeat - 1) // _REPEATS_PER_ASSEMBLY
+    purpose = f"{slot.specimen}_{slot.label}_{assembly}"
+    fault = version_three.draw_fault(slot.label, len(specimen.clearances), seed, purpose)
+
     rng = random_stream(seed, "condition of version 3", slot.name)
     condition = OperatingCondition(
         speed=slot.speed * (1 - specimen.slip * slot.pressure / MPa(15) * rng.uniform(0.7, 1.1)),
@@ -209,11 +245,9 @@ def _draw_third_run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
         oil_temperature=celsius(rng.uniform(28, 62)),
         suction_pressure=rng.uniform(0.095e6, 0.13e6),
     )
-    fault = version_three.draw_fault(slot.label, len(specimen.clearances), seed, purpose)
+
     return Run(specimen.reassemble(seed, purpose), condition, fault)
 
-
-_SPEEDS = (SPEED, rpm(1120))
 
 VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
     {
@@ -221,12 +255,15 @@ VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
         DEEP_VERSION: RigVersion(
             (SPEED,), draw_specimen, partial(_draw_first_run, is_deep=True), measure
         ),
-        "2": RigVersion(_SPEEDS, version_two.draw_specimen, _draw_second_run, measure_two),
+        "2": RigVersion(_SPEEDS_TWO, version_two.draw_specimen, _draw_second_run, measure_two),
         "2-deep": RigVersion(
-            _SPEEDS, version_two.draw_specimen, partial(_draw_second_run, is_deep=True), measure_two
+            _SPEEDS_TWO,
+            version_two.draw_specimen,
+            partial(_draw_second_run, is_deep=True),
+            measure_two,
         ),
         "3": RigVersion(
-            (rpm(1000), rpm(1450)),
+            _SPEEDS_THREE,
             version_three.draw_specimen,
             _draw_third_run,
             measure_three,
@@ -234,23 +271,22 @@ VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
         ),
     }
 )
-"""Versions of the rig (docs/bench/rig.md); ``1-deep`` and ``2-deep`` are versions 1 and 2 with the
-paper's recess of 0.6 mm.
+"""Versions of the rig by name (docs/bench/rig.md).
+
+``1-deep`` and ``2-deep`` are versions 1 and 2 with the paper's recess of 0.6 mm.
 """
 
 
 def require_version(version: str) -> None:
-    """Refuse a version that there is not.
+    """Check that a version of the rig exists.
 
     Raises
     ------
     InputError
-        It is none of `VERSIONS`.
+        The version is not one of `VERSIONS`.
     """
     if version not in VERSIONS:
-        raise InputError(
-            f"rig version {version!r} is unknown; choose one of {', '.join(VERSIONS)}."
-        )
+        raise InputError(f"Invalid rig version {version!r}: must be one of {', '.join(VERSIONS)}.")
 
 
 def make_recording(
@@ -263,21 +299,25 @@ def make_recording(
     speed: float = SPEED,
     version: str = RIG_VERSION,
 ) -> Recording:
-    """Recording `name` of a run: it states the set pressure [Pa] and speed [rad/s], not those that
-    held.
+    """Return recording `name` of a run.
+
+    Its operating point is what a plant would know: the set pressure [Pa] and speed [rad/s], and an
+    oil temperature read to a degree.
     """
-    stated = OperatingCondition(
+    temperature_celsius = round(run.condition.oil_temperature - celsius(0))
+    specified = OperatingCondition(
         speed=speed,
         discharge_pressure=pressure,
-        oil_temperature=celsius(round(run.condition.oil_temperature - celsius(0))),
+        oil_temperature=celsius(temperature_celsius),
     )
+
     return Recording(
         signal=signal,
         sample_rate=SAMPLE_RATE,
         recording_id=name,
         channels=run.specimen.pump.channels,
         label=label,
-        condition=stated,
+        condition=specified,
         specimen=run.specimen.name,
         attributes={"origin": f"swashtwin virtual rig, version {version}"},
     )
@@ -294,28 +334,31 @@ def rig_recordings(
     batch: int = 30,
     jobs: int = 1,
 ) -> Iterator[tuple[Recording, Run]]:
-    """Recordings of the rig, one by one, each with the truth behind it.
+    """Yield the recordings of the rig, each with the run that it was measured in.
 
-    What a recording states of its condition is what was set and a thermometer read to a degree; the
-    pressure and the speed that really held were up to 3 % and 0.3 % off (version 2: up to 8 % and
-    0.8 %; version 3: 7 % and 1.6 %), and nothing downstream learns them.
+    The operating point of a recording holds the set values and an oil temperature read to a degree.
+    The true pressure and speed differ by up to 3 % and 0.3 % (version 2: 8 % and 0.8 %; version 3:
+    7 % and 1.6 %). Only the run holds them.
 
     Parameters
     ----------
-    seed : addresses every draw; the same seed gives the same recordings, whichever others are taken
-        with them.
+    seed : addresses every draw. A recording depends on the seed and its id, not on the other
+        recordings taken with it.
+    size : number and length of the recordings.
     labels : classes to record, of those that the version has.
-    pressures : set discharge pressures [Pa]; None takes `PRESSURES`.
+    pressures : set discharge pressures [Pa]; `PRESSURES` by default.
     version : name in `VERSIONS`.
-    sensors : accelerometers, one of `PUMPS`.
+    sensors : number of accelerometers, a key of `PUMPS`.
     batch : recordings computed together.
-    jobs : processes that compute batches side by side; the samples do not depend on it.
+    jobs : processes that compute batches in parallel; the samples do not depend on it.
     """
-    slots = _slots(size, version, sensors, labels, pressures)
-    return _measured(slots, _fleet(slots, seed), size.duration, seed, batch=batch, jobs=jobs)
+    slots = _list_slots(size, version, sensors, labels, pressures)
+    fleet = _draw_fleet(slots, seed)
+
+    return _measure_slots(slots, fleet, size.duration, seed, batch=batch, jobs=jobs)
 
 
-def _measured(
+def _measure_slots(
     slots: Sequence[_Slot],
     fleet: Mapping[str, Specimen],
     duration: float,
@@ -324,54 +367,65 @@ def _measured(
     batch: int = 30,
     jobs: int = 1,
 ) -> Iterator[tuple[Recording, Run]]:
-    """Recordings of some slots, each with its run."""
-    batches = [slots[first : first + batch] for first in range(0, len(slots), batch)]
-    measured = parallel(jobs, return_as="generator")(
-        delayed(_measure_batch)(slots, [fleet[slot.specimen] for slot in slots], duration, seed)
-        for slots in batches
-    )
-    for pairs in measured:
+    """Yield the recording of each slot with its run."""
+    tasks = []
+    for first in range(0, len(slots), batch):
+        batch_slots = slots[first : first + batch]
+        specimens = [fleet[slot.specimen] for slot in batch_slots]
+        tasks.append(delayed(_measure_batch)(batch_slots, specimens, duration, seed))
+
+    for pairs in parallel(jobs, return_as="generator")(tasks):
         yield from pairs
 
 
-def _fleet(slots: Sequence[_Slot], seed: int) -> dict[str, Specimen]:
-    pumps = {slot.specimen: slot for slot in slots}
-    return {
-        name: VERSIONS[slot.version].draw_specimen(load_pump(PUMPS[slot.sensors]), name, seed)
-        for name, slot in pumps.items()
-    }
+def _draw_fleet(slots: Sequence[_Slot], seed: int) -> dict[str, Specimen]:
+    fleet: dict[str, Specimen] = {}
+    for slot in slots:
+        if slot.specimen not in fleet:
+            nominal = load_pump(PUMPS[slot.sensors])
+            version = VERSIONS[slot.version]
+            fleet[slot.specimen] = version.draw_specimen(nominal, slot.specimen, seed)
 
-
-def _run_of(slot: _Slot, specimen: Specimen, seed: int) -> Run:
-    return VERSIONS[slot.version].run(slot, specimen, seed)
+    return fleet
 
 
 def _measure_batch(
     slots: Sequence[_Slot], specimens: Sequence[Specimen], duration: float, seed: int
 ) -> list[tuple[Recording, Run]]:
+    # Batches run in parallel processes: more threads in each would compete for the cores.
     torch.set_num_threads(1)
-    runs = [_run_of(slot, specimen, seed) for slot, specimen in zip(slots, specimens, strict=True)]
+
     version = VERSIONS[slots[0].version]
-    signals = version.measure(runs, duration, SAMPLE_RATE, [(seed, slot.name) for slot in slots])
+    runs = [
+        version.run(slot, specimen, seed) for slot, specimen in zip(slots, specimens, strict=True)
+    ]
+    seeds = [(seed, slot.name) for slot in slots]
+    signals = version.measure(runs, duration, SAMPLE_RATE, seeds)
+
     return [
-        (_recording(slot, run, signal), run)
+        (_make_slot_recording(slot, run, signal), run)
         for slot, run, signal in zip(slots, runs, signals, strict=True)
     ]
 
 
-def _recording(slot: _Slot, run: Run, signal: Float[np.ndarray, "sensor time"]) -> Recording:
+def _make_slot_recording(
+    slot: _Slot, run: Run, signal: Float[np.ndarray, "sensor time"]
+) -> Recording:
     return make_recording(
         slot.name, slot.label, slot.pressure, run, signal, speed=slot.speed, version=slot.version
     )
 
 
-def _truth(run: Run) -> dict[str, object]:
-    fault = run.fault
+def _describe_truth(run: Run) -> dict[str, object]:
+    fault = None
+    if run.fault is not None:
+        fault = {"kind": type(run.fault).__name__, **asdict(run.fault)}
+
     return {
         "specimen": run.specimen.name,
         "condition": asdict(run.condition),
         "values": run.specimen.true_values(),
-        "fault": None if fault is None else {"kind": type(fault).__name__, **asdict(fault)},
+        "fault": fault,
     }
 
 
@@ -385,21 +439,20 @@ def build_rig(
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Index file of a virtual rig written to `folder`; what an earlier run left whole is kept.
+    """Write a virtual rig to `folder` and return its index file.
 
-    The truth goes to ``<folder>-truth.json`` beside the folder, for scoring only: no function of
-    swashtwin reads it.
+    Recordings that an interrupted run has finished are kept. The truth goes to
+    ``<folder>-truth.json`` next to the folder, for scoring only: no function of swashtwin reads it.
 
     Parameters
     ----------
-    folder : new or empty folder, or one that an earlier run with equal arguments left, finished or
-        not.
-    seed : which fleet.
-    size : name in `SIZES`, or a size of one's own.
+    folder : new or empty folder, or the folder of an earlier run with equal arguments.
+    seed : number of the fleet.
+    size : name in `SIZES`, or a `RigSize`.
     version : name in `VERSIONS`.
-    sensors : accelerometers, one of `PUMPS`.
-    jobs : processes that work side by side.
-    progress : called with recordings done and in all.
+    sensors : number of accelerometers, a key of `PUMPS`.
+    jobs : parallel processes.
+    progress : called with the numbers of finished and of all recordings.
 
     Raises
     ------
@@ -408,32 +461,43 @@ def build_rig(
         the number of sensors is unknown.
     """
     folder = Path(folder).resolve()
-    if isinstance(size, str) and size not in SIZES:
-        raise InputError(f"rig size {size!r} is unknown; choose one of {', '.join(SIZES)}.")
-    plan = SIZES[size] if isinstance(size, str) else size
-    slots = _slots(plan, version, sensors)
-    settings = {"rig_version": version, "seed": seed, "size": asdict(plan), "format": "h5"}
-    settings |= {} if sensors == 3 else {"sensors": sensors}
+    if isinstance(size, str):
+        if size not in SIZES:
+            raise InputError(f"Invalid rig size {size!r}: must be one of {', '.join(SIZES)}.")
+        size = SIZES[size]
+    slots = _list_slots(size, version, sensors)
+
+    settings = {"rig_version": version, "seed": seed, "size": asdict(size), "format": "h5"}
+    if sensors != 3:
+        # Folders of three sensors were written without this key and must stay resumable.
+        settings["sensors"] = sensors
     resume_folder(folder, MANIFEST_NAME, settings)
-    files = [Path(slot.specimen) / f"{slot.name}.h5" for slot in slots]
-    path_of = {slot.name: folder / file for slot, file in zip(slots, files, strict=True)}
-    missing = [slot for slot in slots if not path_of[slot.name].is_file()]
-    fleet = _fleet(slots, seed)
-    for count, (recording, _) in enumerate(
-        _measured(missing, fleet, plan.duration, seed, jobs=jobs), 1
-    ):
-        write_recording(recording, path_of[recording.recording_id])
+
+    files = {slot.name: Path(slot.specimen) / f"{slot.name}.h5" for slot in slots}
+    missing = [slot for slot in slots if not (folder / files[slot.name]).is_file()]
+    fleet = _draw_fleet(slots, seed)
+    finished_count = len(slots) - len(missing)
+    for recording, _ in _measure_slots(missing, fleet, size.duration, seed, jobs=jobs):
+        write_recording(recording, folder / files[recording.recording_id])
+        finished_count += 1
         if progress:
-            progress(len(slots) - len(missing) + count, len(slots))
-    runs = {slot.name: _run_of(slot, fleet[slot.specimen], seed) for slot in slots}
+            progress(finished_count, len(slots))
+
+    # Drawing a run again is cheap and covers the recordings that an earlier run has finished.
+    runs = {}
+    for slot in slots:
+        runs[slot.name] = VERSIONS[version].run(slot, fleet[slot.specimen], seed)
     truth = {
         "rig_version": version,
         "seed": seed,
-        "size": asdict(plan),
+        "size": asdict(size),
         "specimens": {name: specimen.truth() for name, specimen in fleet.items()},
-        "recordings": {name: _truth(run) for name, run in runs.items()},
+        "recordings": {name: _describe_truth(run) for name, run in runs.items()},
     }
     write_text(folder.parent / f"{folder.name}-truth.json", json.dumps(truth, indent=1))
-    silent = np.zeros((sensors, 1))
-    described = [_recording(slot, runs[slot.name], silent) for slot in slots]
-    return write_index(described, files, folder / "recordings.toml")
+
+    # The index lists no samples, so recordings without a signal will do.
+    silence = np.zeros((sensors, 1))
+    recordings = [_make_slot_recording(slot, runs[slot.name], silence) for slot in slots]
+
+    return write_index(recordings, list(files.values()), folder / "recordings.toml")

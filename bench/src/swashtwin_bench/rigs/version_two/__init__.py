@@ -1,3 +1,4 @@
-"""Version 2 of the virtual rig: a machine that no twin of ours contains (docs/bench/rig.md says
-what it still shares).
+"""Version 2 of the virtual rig: a machine that none of our twins contains.
+
+docs/bench/rig.md lists what it still shares with the twin.
 """

@@ -1,9 +1,8 @@
-"""What version 2 adds to the lines of the pump: bursts of impacts, flow noise that the shaft
-modulates, its stand.
+"""Sounds that version 2 adds to the lines of the pump: impacts, flow noise and the test stand.
 
-Impacts come at shaft angles, each a little early or late and never twice equally strong, and let
-the housing ring. Flow noise swells where chambers meet the ports and where a fault leaks. Motor,
-gear and bearings go on as they do.
+Impacts come at shaft angles, with jitter and varying strength, and make the housing ring. Flow
+noise swells when chambers meet the ports and when a fault leaks. Motor, gear and bearings of the
+stand do not depend on the pump's fault.
 """
 
 import math
@@ -25,16 +24,39 @@ from swashtwin_bench.rigs.version_two.fleet import (
 
 JITTER = deg(1.2)
 """Standard deviation [rad] of the angle at which an impact comes."""
+
 IRREGULARITY = 0.5
 """Standard deviation of ln(strength) from one impact to the next."""
+
 PULSE = 1.5e-4
-"""Duration [s] of an impact: above its inverse it excites little."""
+"""Duration [s] of an impact, which excites little above the inverse of it."""
+
 FLOW_NOISE = 0.25
 """Standard deviation [m/s^2] of the flow noise at 10 MPa before the housing colors it."""
+
 SPEED = rpm(860)
-"""Speed [rad/s] at which levels are stated."""
-SUCTION, DISCHARGE = deg(10), deg(194)
-"""Shaft angles [rad] at which a chamber meets the ports."""
+"""Reference speed [rad/s] of the strengths and of the flow noise."""
+
+SUCTION = deg(10)
+"""Shaft angle [rad] at which a chamber meets the suction port."""
+
+DISCHARGE = deg(194)
+"""Shaft angle [rad] at which a chamber meets the discharge port."""
+
+ANGLE_STEPS = 2048
+"""Steps per revolution of the flow noise's loudness."""
+
+TYPICAL_CLEARANCE = um(60)
+"""Extra clearance of a worn piston at the typical severity [m]."""
+
+TYPICAL_BUSH_DEPTH = um(270)
+"""Depth of a defect of a bush at the typical severity [m]."""
+
+TYPICAL_ADVANCE = deg(5)
+"""Advance of an eroded groove at the typical severity [rad]."""
+
+TYPICAL_SCRATCH = 0.8e-6
+"""Area of a scratched dam at the typical severity [m^2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,37 +72,48 @@ class Impacts:
 
 
 def piston_wear(run: Run) -> Float[np.ndarray, " piston"]:
-    """Severity of piston wear over the typical one, by piston."""
+    """Return the severity of piston wear over the typical one, by piston."""
     wear = np.zeros(run.specimen.pump.rotating_group.piston_count)
     if isinstance(run.fault, PistonWear):
-        wear[run.fault.piston] = run.fault.clearance / um(60)
+        wear[run.fault.piston] = run.fault.clearance / TYPICAL_CLEARANCE
+
     return wear
 
 
 def list_impacts(run: Run, specimen: SecondSpecimen) -> list[Impacts]:
-    """All impacts of a revolution."""
-    fault, count = run.fault, run.specimen.pump.rotating_group.piston_count
+    """Return all impacts of a revolution."""
+    fault = run.fault
+    piston_count = run.specimen.pump.rotating_group.piston_count
+    piston_angle = 2 * math.pi * np.arange(piston_count) / piston_count
     load = (run.condition.discharge_pressure / 10e6) ** 0.7
-    turn = 2 * math.pi * np.arange(count) / count
     strengths = specimen.strengths * load
-    meeting = np.ones(count)
+
+    # Erosion lets a chamber meet the port at a larger pressure difference; a scratch across the
+    # dam equalizes the pressure early.
+    port_factor = np.ones(piston_count)
     if isinstance(fault, GrooveErosion):
-        meeting *= 1 + 0.35 * fault.advance / deg(5)
+        port_factor *= 1 + 0.35 * fault.advance / TYPICAL_ADVANCE
     if isinstance(fault, DamScratch):
-        meeting /= 1 + 0.35 * fault.area / 0.8e-6
+        port_factor /= 1 + 0.35 * fault.area / TYPICAL_SCRATCH
+
+    slap_factor = 1 + 4 * piston_wear(run)
     impacts = [
-        Impacts(0, DISCHARGE - turn, strengths[0] * meeting),
-        Impacts(0, SUCTION - turn, 0.6 * strengths[0] * meeting),
-        Impacts(1, DISCHARGE + deg(9) - turn, strengths[1] * (1 + 4 * piston_wear(run))),
+        Impacts(0, DISCHARGE - piston_angle, strengths[0] * port_factor),
+        Impacts(0, SUCTION - piston_angle, 0.6 * strengths[0] * port_factor),
+        Impacts(1, DISCHARGE + deg(9) - piston_angle, strengths[1] * slap_factor),
     ]
+
+    # Pistons and slippers strike the edge by which they leave a defect.
     if isinstance(fault, BoreDefect):
-        leaving = fault.angle + fault.half_width - turn[[fault.bore]]
-        strength = strengths[2, [fault.bore]] * fault.depth / um(270)
-        impacts.append(Impacts(2, leaving, strength))
+        exit_angle = fault.angle + fault.half_width - piston_angle[[fault.bore]]
+        strength = strengths[2, [fault.bore]] * fault.depth / TYPICAL_BUSH_DEPTH
+        impacts.append(Impacts(2, exit_angle, strength))
+
     if isinstance(fault, SwashPlateDefect):
-        half = fault.length / (2 * specimen.pump.rotating_group.pitch_radius)
+        half_width = fault.length / (2 * specimen.pump.rotating_group.pitch_radius)
         strength = strengths[3] * (fault.depth / RECESS_DEPTH) * run.condition.speed / SPEED
-        impacts.append(Impacts(3, fault.angle + half - turn, strength))
+        impacts.append(Impacts(3, fault.angle + half_width - piston_angle, strength))
+
     return impacts
 
 
@@ -91,60 +124,104 @@ def bursts(
     sample_rate: float,
     rng: np.random.Generator,
 ) -> Complex[np.ndarray, "sensor frequency"]:
-    """Transform of what the impacts along a shaft `angle` [rad] let each sensor read [m/s^2]."""
-    n, time = len(angle), np.arange(len(angle))
-    frequency = line_frequencies(n, sample_rate)
-    trains = np.zeros((len(SOURCES), n))
-    turns = np.arange(
-        math.floor(angle[0] / (2 * np.pi)) - 1, math.ceil(angle[-1] / (2 * np.pi)) + 1
-    )
-    for impacts in list_impacts(run, specimen):
-        shape = (len(turns), len(impacts.angle))
-        where = 2 * np.pi * turns[:, None] + impacts.angle + rng.normal(0, JITTER, shape)
-        speed = impacts.strength * np.exp(rng.normal(0, IRREGULARITY, shape))
-        inside = (where > angle[0]) & (where < angle[-1])
-        position = np.interp(where[inside], angle, time)
-        left = np.minimum(position.astype(int), n - 2)
-        for step, share in ((left, 1 - (position - left)), (left + 1, position - left)):
-            np.add.at(trains[impacts.source], step, share * speed[inside] * sample_rate)
+    """Return the transform of the sensors' readings [m/s^2] of all impacts.
+
+    Parameters
+    ----------
+    angle : shaft angle [rad] of each sample.
+    """
+    trains = _draw_impact_trains(run, specimen, angle, sample_rate, rng)
+    frequency = line_frequencies(len(angle), sample_rate)
+
+    # Each impact makes the housing ring in its modes; a pulse excites little above its inverse.
     ratio = frequency[:, None] / specimen.housing.frequency
     modes = ratio**2 / (1 - ratio**2 + 2j * specimen.housing.damping_ratio * ratio)
     modes *= np.exp(-((frequency * PULSE) ** 2))[:, None]
+
     active = np.flatnonzero(trains.any(axis=1))
     ringing = np.zeros((3, len(frequency)), dtype=complex)
     for source, spectrum in zip(active, transform(trains[active]), strict=True):
         ringing += specimen.mode_shares[source] @ modes.T * spectrum
+
     return ringing
 
 
+def _draw_impact_trains(
+    run: Run,
+    specimen: SecondSpecimen,
+    angle: Float[np.ndarray, " time"],
+    sample_rate: float,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "source time"]:
+    """Return the impacts of each source as accelerations [m/s^2] along a shaft `angle` [rad]."""
+    n = len(angle)
+    sample = np.arange(n)
+    trains = np.zeros((len(SOURCES), n))
+
+    # One more turn at either end, since angles of impacts may be negative and jitter.
+    first_turn = math.floor(angle[0] / (2 * np.pi)) - 1
+    end_turn = math.ceil(angle[-1] / (2 * np.pi)) + 1
+    turns = np.arange(first_turn, end_turn)
+
+    for impacts in list_impacts(run, specimen):
+        shape = (len(turns), len(impacts.angle))
+        impact_angle = 2 * np.pi * turns[:, None] + impacts.angle + rng.normal(0, JITTER, shape)
+        speed = impacts.strength * np.exp(rng.normal(0, IRREGULARITY, shape))
+        is_inside = (impact_angle > angle[0]) & (impact_angle < angle[-1])
+        speed = speed[is_inside]
+
+        # An impact falls between two samples, which share it by their distance.
+        position = np.interp(impact_angle[is_inside], angle, sample)
+        left = np.minimum(position.astype(int), n - 2)
+        right_share = position - left
+        train = trains[impacts.source]
+        np.add.at(train, left, (1 - right_share) * speed * sample_rate)
+        np.add.at(train, left + 1, right_share * speed * sample_rate)
+
+    return trains
+
+
 def loudness(run: Run, specimen: SecondSpecimen) -> Float[np.ndarray, " step"]:
-    """Flow noise over its mean in a healthy pump, at 2,048 shaft angles of a revolution."""
-    fault, count = run.fault, run.specimen.pump.rotating_group.piston_count
-    theta = 2 * np.pi * np.arange(2048) / 2048
-    phi = np.mod(theta + 2 * np.pi * np.arange(count)[:, None] / count, 2 * np.pi)
+    """Return the power of the flow noise at `ANGLE_STEPS` shaft angles of a revolution.
 
-    def near(middle: float, width: float) -> np.ndarray:
-        return np.exp(-0.5 * ((np.mod(phi - middle + np.pi, 2 * np.pi) - np.pi) / width) ** 2)
+    It is relative to the mean in a healthy pump.
+    """
+    fault = run.fault
+    piston_count = run.specimen.pump.rotating_group.piston_count
+    shaft = 2 * np.pi * np.arange(ANGLE_STEPS) / ANGLE_STEPS
+    piston = np.arange(piston_count)[:, None]
+    phi = np.mod(shaft + 2 * np.pi * piston / piston_count, 2 * np.pi)
 
-    jets = near(DISCHARGE, deg(8)) + 0.7 * near(SUCTION, deg(8))
+    # Jets at the ports and at defects that a chamber passes.
+    jets = _bell(phi, DISCHARGE, deg(8)) + 0.7 * _bell(phi, SUCTION, deg(8))
     if isinstance(fault, DamScratch):
-        jets = jets + 0.8 * fault.area / 0.8e-6 * near(np.pi, fault.width)
+        jets = jets + 0.8 * fault.area / TYPICAL_SCRATCH * _bell(phi, np.pi, fault.width)
     if isinstance(fault, GrooveErosion):
-        early = fault.advance / deg(5)
-        jets = jets + 0.6 * early * (
-            near(DISCHARGE - fault.advance, deg(5)) + near(SUCTION - fault.advance, deg(5))
-        )
+        early_discharge = _bell(phi, DISCHARGE - fault.advance, deg(5))
+        early_suction = _bell(phi, SUCTION - fault.advance, deg(5))
+        severity = fault.advance / TYPICAL_ADVANCE
+        jets = jets + 0.6 * severity * (early_discharge + early_suction)
     if isinstance(fault, SwashPlateDefect):
-        half = fault.length / (2 * specimen.pump.rotating_group.pitch_radius)
-        jets = jets + 0.8 * min(3.0, fault.depth / RECESS_DEPTH) * near(fault.angle, half / 2)
+        half_width = fault.length / (2 * specimen.pump.rotating_group.pitch_radius)
+        severity = min(3.0, fault.depth / RECESS_DEPTH)
+        jets = jets + 0.8 * severity * _bell(phi, fault.angle, half_width / 2)
+
+    # Leakage along pistons under pressure and through a damaged bush.
     pressed = (1 - np.tanh(np.sin(phi) / 0.12)) / 2
-    leaking = 1.3 * piston_wear(run)[:, None] * pressed
+    leakage = 1.3 * piston_wear(run)[:, None] * pressed
     if isinstance(fault, BoreDefect):
-        struck = np.arange(count)[:, None] == fault.bore
-        leaking = leaking + 0.8 * struck * fault.depth / um(270) * near(
-            fault.angle, fault.half_width / 2
-        )
-    return np.asarray(1 + specimen.jets @ jets + leaking.sum(axis=0))
+        strength = 0.8 * (piston == fault.bore) * fault.depth / TYPICAL_BUSH_DEPTH
+        leakage = leakage + strength * _bell(phi, fault.angle, fault.half_width / 2)
+
+    return np.asarray(1 + specimen.jets @ jets + leakage.sum(axis=0))
+
+
+def _bell(
+    phi: Float[np.ndarray, "piston step"], center: float, width: float
+) -> Float[np.ndarray, "piston step"]:
+    """Return a Gaussian of standard deviation `width` around a `center`, on the circle [rad]."""
+    distance = np.mod(phi - center + np.pi, 2 * np.pi) - np.pi
+    return np.exp(-0.5 * (distance / width) ** 2)
 
 
 def flow_noise(
@@ -154,31 +231,36 @@ def flow_noise(
     sample_rate: float,
     rng: np.random.Generator,
 ) -> Complex[np.ndarray, "sensor frequency"]:
-    """Transform of the flow's noise [m/s^2] as each sensor reads it, without the sensor's own
-    resonance.
+    """Return the transform of the flow noise [m/s^2] at each sensor.
+
+    The resonance of the sensor on its mounting is not included.
     """
     frequency = line_frequencies(len(angle), sample_rate)
-    step = (np.mod(angle, 2 * np.pi) * (2048 / (2 * np.pi))).astype(int) % 2048
-    level = np.sqrt(loudness(run, specimen))[step]
+
+    step = (np.mod(angle, 2 * np.pi) * (ANGLE_STEPS / (2 * np.pi))).astype(int) % ANGLE_STEPS
+    amplitude = np.sqrt(loudness(run, specimen))[step]
     color = (1 + 300 / np.maximum(frequency, 30)) / (1 + (frequency / 3500) ** 2)
     color = np.sqrt(color) * np.abs(specimen.housing.response(frequency))
-    load = FLOW_NOISE * math.sqrt(
-        run.condition.discharge_pressure / 10e6 * run.condition.speed / SPEED
-    )
-    return np.asarray(transform(rng.standard_normal((3, len(angle))) * level) * color * load)
+
+    relative_power = run.condition.discharge_pressure / 10e6 * run.condition.speed / SPEED
+    scale = FLOW_NOISE * math.sqrt(relative_power)
+    white = rng.standard_normal((3, len(angle)))
+
+    return np.asarray(transform(white * amplitude) * color * scale)
 
 
 def sensor_response(
     specimen: SecondSpecimen, frequency: Float[np.ndarray, " line"]
 ) -> Complex[np.ndarray, " line"]:
-    """What a sensor reads over what its place does, at `frequency` [Hz]."""
+    """Return the reading of a sensor over the motion of its position, at `frequency` [Hz]."""
     resonance, damping = SENSOR_RESONANCE[specimen.sensors]
     ratio = frequency / resonance
+
     return 1 / (1 - ratio**2 + 2j * damping * ratio)
 
 
 def gear_orders(specimen: SecondSpecimen) -> list[int]:
-    """Orders of the mesh, its sidebands of one turn, and its second harmonic."""
+    """Return the orders of the mesh, its sidebands of one turn, and its second harmonic."""
     teeth = specimen.stand.teeth
     return [teeth - 1, teeth, teeth + 1, 2 * teeth]
 
@@ -190,18 +272,26 @@ def stand_noise(
     sample_rate: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "sensor time"]:
-    """Lines [m/s^2] of motor and bearings, which do not turn with the pump's shaft: three pairs of
-    poles behind a gear, balls that slide a little.
+    """Return the lines [m/s^2] of motor and bearings, which are not at orders of the shaft.
+
+    The motor has three pole pairs and drives the pump through a gear. The balls of the bearings
+    slide a little.
     """
-    stand, time = specimen.stand, np.arange(len(angle)) / sample_rate
+    stand = specimen.stand
+    time = np.arange(len(angle)) / sample_rate
     load = run.condition.discharge_pressure / 10e6
+    noise = np.zeros((3, len(angle)))
+
     motor_order = stand.teeth / stand.wheel_teeth
     supply = 3 * motor_order * run.condition.shaft_frequency * (1 + stand.slip * load)
-    noise = np.zeros((3, len(angle)))
     for amplitude, harmonic in zip(stand.motor.T[:3], (2, 6, 12), strict=True):
-        noise += amplitude[:, None] * np.sin(2 * np.pi * (harmonic * supply * time + rng.random()))
+        phase = 2 * np.pi * (harmonic * supply * time + rng.random())
+        noise += amplitude[:, None] * np.sin(phase)
     noise += stand.motor[:, 3:] * load * np.sin(motor_order * angle + 2 * np.pi * rng.random())
-    wander = np.cumsum(rng.normal(0, 0.01, len(angle)))
+
+    slide = np.cumsum(rng.normal(0, 0.01, len(angle)))
     for amplitude, order in zip(stand.bearing.T, stand.bearing_orders, strict=True):
-        noise += amplitude[:, None] * np.sin(order * angle + wander + 2 * np.pi * rng.random())
+        phase = order * angle + slide + 2 * np.pi * rng.random()
+        noise += amplitude[:, None] * np.sin(phase)
+
     return noise

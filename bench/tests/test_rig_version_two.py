@@ -160,5 +160,5 @@ def test_a_fleet_of_version_two_lies_under_a_name_of_its_own(
     assert len(truth["specimens"]["A"]["supports"]) == 7
     with pytest.raises(DataError, match="other recordings"):
         require_rig(tmp_path, recordings, small["small"])
-    with pytest.raises(InputError, match="choose one of 1, 1-deep, 2, 2-deep"):
+    with pytest.raises(InputError, match="must be one of 1, 1-deep, 2, 2-deep"):
         build_rig(tmp_path / "new", seed=0, version="4")

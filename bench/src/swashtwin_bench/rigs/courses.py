@@ -101,8 +101,8 @@ def trend_recordings(
         named_faults.append((f"{specimen}_trend_normal_{number + 1}", None))
     for kind, typical in TRENDS.items():
         for severity in severities:
-            fault = typical.scaled(severity)
-            named_faults.append((f"{specimen}_trend_{kind}_{severity:g}", fault))
+            name = f"{specimen}_trend_{kind}_{severity:g}"
+            named_faults.append((name, typical.scaled(severity)))
 
     runs = []
     for name, fault in named_faults:

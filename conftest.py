@@ -94,6 +94,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> "Plant":
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent
     (folder / "plant").mkdir(exist_ok=True)
+
     return Plant(folder / "plant")
 
 

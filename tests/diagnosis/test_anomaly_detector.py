@@ -27,7 +27,8 @@ from swashtwin.learning import detectable_rise
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 
-RATE, LENGTH = 2000.0, 2000
+RATE = 2000.0
+LENGTH = 2000
 SHAFT = 20.0
 
 
@@ -47,6 +48,7 @@ def recording(name: str, *, pressure: float = 10.0, rise: float = 0.0, label: st
         size=signal.shape
     )
     condition = OperatingCondition(2 * math.pi * SHAFT, st.MPa(pressure))
+
     return Recording(
         signal, RATE, name, channels=("x", "y"), label=label, condition=condition, specimen="A"
     )
@@ -71,6 +73,7 @@ def test_a_line_that_rose_is_an_alarm_that_names_order_channel_and_decibels(
     verdict = detector.diagnose(recording("fault", rise=12.0))
     assert verdict.alarm
     assert verdict.p_value == pytest.approx(1 / 21)
+
     first = verdict.changes[0]
     assert (first.channel, first.band) == ("x", "shaft order 9 (180 Hz)")
     assert first.change == pytest.approx(12.0, abs=3.0)
@@ -101,6 +104,7 @@ def test_false_alarms_stay_within_the_stated_rate(healthy: list[Recording]) -> N
             for n in range(20)
         ]
         alarms += [verdict.alarm for verdict in verdicts]
+
     assert np.mean(alarms) <= 0.1 + 2 * math.sqrt(0.1 * 0.9 / len(alarms))
     assert any(alarms)
 
@@ -139,8 +143,10 @@ def test_two_odd_recordings_of_twenty_are_named_and_left_out_and_hide_no_fault(
         for n, one in enumerate(healthy[1:5:2])
     ]
     usual = [one for one in healthy if one not in healthy[1:5:2]]
-    detector, without = st.AnomalyDetector().fit([*odd, *usual]), st.AnomalyDetector().fit(usual)
+    detector = st.AnomalyDetector().fit([*odd, *usual])
+    without = st.AnomalyDetector().fit(usual)
     first, second, cost, few = detector.notes_
+
     assert "odd0 is left out" in first
     assert words in first
     assert "odd1 is left out" in second
@@ -149,6 +155,7 @@ def test_two_odd_recordings_of_twenty_are_named_and_left_out_and_hide_no_fault(
         cost,
     )
     assert "18 healthy recordings allow no false-alarm rate below 0.053" in few
+
     fault = recording("fault", rise=12.0)
     assert detector.diagnose(fault).to_dict() == without.diagnose(fault).to_dict()
     assert detector.diagnose(fault).alarm
@@ -164,14 +171,17 @@ def test_recordings_of_another_state_are_too_many_to_leave_out_and_a_point_that_
 ) -> None:
     state = [one.replace(signal=gain(one.signal)) for one in healthy[:6]]
     detector = st.AnomalyDetector().fit([*state, *healthy[6:]])
+
     assert detector.fitted_.n_recordings == 20
     assert (
         "6 of 20 healthy recordings differ from the others (h0, h1, h2, h3, h4, h5), too many"
         in detector.notes_[0]
     )
+
     pair = [recording("p0", pressure=15.0), recording("p1", pressure=15.0)]
     pair[1] = pair[1].replace(signal=gain(pair[1].signal))
     detector = st.AnomalyDetector().fit([*healthy, *pair])
+
     assert detector.fitted_.n_recordings == 20
     assert (
         "p0 is left out: the recordings of its operating point differ from each other"
@@ -192,12 +202,15 @@ def test_the_cost_of_odd_recordings_is_that_of_a_level_that_rises(
         fitted.band_powers.shape[1]
     )
     alarms = []
+
     for row, column in product(range(20), range(0, len(rise), 16)):
-        others, point = fitted.subset(np.arange(20) != row), fitted.points[fitted.point_index[row]]
+        others = fitted.subset(np.arange(20) != row)
+        point = fitted.points[fitted.point_index[row]]
         risen = [fitted.band_powers[row] + factor * rise[column] for factor in (0.5, 2.0)]
         alarms.append(
             [others.deviation_of(one, others.points.index(point)).p_value <= 0.05 for one in risen]
         )
+
     half, twice = np.mean(alarms, axis=0)
     assert half < 0.3
     assert twice > 0.6
@@ -218,6 +231,7 @@ def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(
 ) -> None:
     loud = recording("loud")
     verdict = detector.diagnose(loud.replace(signal=loud.signal * np.array([[4.0], [1.0]])))
+
     assert verdict.alarm
     assert len(verdict.shifts) == 1
     assert "in all bands of channel x" in verdict.shifts[0]
@@ -248,6 +262,7 @@ def test_what_the_healthy_recordings_do_not_cover_has_no_verdict(
     elif "pressure" not in change:
         new = new.replace(**change)
     verdict = detector.diagnose(new)
+
     assert verdict.alarm is None
     assert words in str(verdict.no_verdict)
     assert verdict.p_value is None
@@ -258,6 +273,7 @@ def test_a_missing_pressure_is_assumed_where_only_one_was_recorded() -> None:
     verdict = detector.diagnose(
         recording("new").replace(condition=None, specimen=None, attributes={"speed": "20 Hz"})
     )
+
     assert verdict.alarm is not None
     assert verdict.notes == (
         "It does not specify its specimen and pressure; A, 1200 rev/min, 10 MPa was assumed.",
@@ -267,6 +283,7 @@ def test_a_missing_pressure_is_assumed_where_only_one_was_recorded() -> None:
 def test_recordings_without_a_speed_are_compared_by_bands() -> None:
     plain = [recording(f"h{n}").replace(condition=None) for n in range(6)]
     detector = st.AnomalyDetector().fit(plain)
+
     assert detector.layout.n_orders == 0
     assert "orders are not compared" in detector.notes_[0]
     assert detector.diagnose(recording("new", rise=25.0).replace(condition=None)).alarm
@@ -294,6 +311,7 @@ def test_a_fault_and_a_copy_among_the_healthy_recordings_are_noticed(
 ) -> None:
     with pytest.raises(DataError, match="'piston'"):
         st.AnomalyDetector().fit([*healthy, recording("p", label="piston")])
+
     detector = st.AnomalyDetector().fit([*healthy, healthy[0].replace(recording_id="z")])
     assert detector.notes_ == ("z holds the same samples as h0 and is excluded.",)
     assert "proves nothing" in detector.diagnose(healthy[0]).notes[0]
@@ -312,6 +330,7 @@ def test_scores_count_alarms_by_class_and_refuse_what_was_seen(
     test += [recording("far", pressure=20.0, label="piston")]
     scores = detector.evaluate(test)
     good, piston = scores.classes
+
     assert (good.label, good.n_recordings) == ("gut", 4)
     assert good.auroc is None
     assert (piston.n_alarms, piston.n_no_verdict, piston.auroc) == (3, 1, 1.0)
@@ -323,6 +342,7 @@ def test_scores_count_alarms_by_class_and_refuse_what_was_seen(
 def test_a_saved_detector_answers_as_before(detector: st.AnomalyDetector, tmp_path: Path) -> None:
     again = st.AnomalyDetector.load(detector.save(tmp_path / "d.safetensors"))
     new = recording("new", rise=4.0)
+
     assert again.diagnose(new).to_dict() == detector.diagnose(new).to_dict()
     assert (again.notes_, again.error_rate_) == (detector.notes_, detector.error_rate_)
     assert again.manifest == detector.manifest
@@ -339,11 +359,14 @@ def test_a_saved_detector_answers_as_before(detector: st.AnomalyDetector, tmp_pa
 def test_a_card_that_lies_is_refused_in_one_line(
     detector: st.AnomalyDetector, tmp_path: Path, lie: dict
 ) -> None:
-    kind, path = st.AnomalyDetector.KIND, detector.save(tmp_path / "d.safetensors")
+    kind = st.AnomalyDetector.KIND
+    path = detector.save(tmp_path / "d.safetensors")
     card, tensors = read_artifact(path, kind, 2, advice="", may_be_nan=None)
     healthy = card["healthy"]
+
     for name, value in lie.items():
         healthy[name] = {**healthy[name], **value} if name == "layout" else value
+
     for changed in (
         card,
         {**card, "error_rate": 0.001},
@@ -353,6 +376,7 @@ def test_a_card_that_lies_is_refused_in_one_line(
         path = write_artifact(
             tmp_path / "lie.safetensors", kind, 2, changed, tensors, may_be_nan=None
         )
+
         with pytest.raises(ArtifactError) as caught:
             st.AnomalyDetector.load(path)
         assert len(str(caught.value).splitlines()) == 1
@@ -369,7 +393,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory, healthy: list[Recording]) -
         files = [Path(f"{member.recording_id}.h5") for member in members]
         for member, file in zip(members, files, strict=True):
             write_recording(member, folder / name / file)
+
         write_index(members, files, folder / name / "recordings.toml")
+
     return folder
 
 
@@ -378,27 +404,33 @@ def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Pa
     trained = json.loads(
         run("train", str(folder / "healthy"), "--out", str(model), "--json").stdout
     )
+
     assert (trained["kind"], trained["error_rate"], len(trained["recordings"])) == (
         "anomaly detector",
         0.05,
         20,
     )
+
     scored = json.loads(run("evaluate", str(model), str(folder / "all"), "--json").stdout)
     assert [(item["label"], item["n_recordings"]) for item in scored["classes"]] == [
         ("normal", 1),
         ("piston", 2),
     ]
+
     page = folder / "page.html"
     answer = run(
         "diagnose", str(model), str(folder / "all" / "p0.h5"), "--report", str(page), "--json"
     )
     (verdict,) = json.loads(answer.stdout)["diagnoses"]
+
     assert verdict["alarm"] is True
     assert verdict["changes"][0]["band"] == "shaft order 9 (180 Hz)"
     assert "Change of the levels" in page.read_text(encoding="utf-8")
+
     shown = run(
         "diagnose", str(model), str(folder / "all" / "t1.h5"), "--pressure", "20 MPa", code=3
     )
+
     assert "20" in one_line(shown)
 
 

@@ -14,7 +14,9 @@ from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 from swashtwin.report import write_report
 
-RATE, SHAFT, LENGTH = 1024.0, 8.0, 1024
+RATE = 1024.0
+SHAFT = 8.0
+LENGTH = 1024
 HEADS = [("discriminant",), ("hidden",), ("discriminant", "hidden")]
 
 
@@ -26,6 +28,7 @@ def recording(name: str, label: str) -> Recording:
     if label == "valve_plate":
         signal[1] += 0.3 * np.cos(9 * angle)
     condition = OperatingCondition(speed=rpm(60 * SHAFT), discharge_pressure=MPa(15))
+
     return Recording(
         signal, RATE, name, label=label, condition=condition, channels=("base_x", "cover_z")
     )
@@ -42,6 +45,7 @@ def evidence_of(axis: str, shape: bool, heads: tuple[str, ...]) -> Evidence:
     classifier = fit(network, train, settings=TrainingSettings(epochs=1, normalization="set"))
     new = recording("new", "valve_plate")
     new = new.replace(attributes={**new.attributes, "pistons": "9"})
+
     return explain(classifier, new, diagnose(classifier, new))
 
 
@@ -76,24 +80,30 @@ def test_the_page_names_the_mean_of_the_training_and_the_envelope(
     text = write_report(evidence, folder=tmp_path).read_text(encoding="utf-8")
     assert "Compared with the mean of the training, these samples" in text
     assert "silence" not in text
+
     table = np.genfromtxt(
         tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None
     )
+
     assert {"envelope order 9", "envelope level", "waveform shape"} <= set(table["band"])
 
 
 @pytest.mark.parametrize("orders", [True, False])
 def test_the_catalogue_names_the_levels_that_a_line_raises(orders: bool) -> None:
-    turns, frequency = 0.01, 0.093
+    turns = 0.01
+    frequency = 0.093
     line = np.sin(2 * np.pi * frequency * np.arange(2048)).astype(np.float32)[None, None]
     band_powers = window_features(line, np.array([turns]) if orders else None)[0, 0]
     catalogue = window_bands(2048, orders)
+
     assert len(catalogue) == len(band_powers) == len(gain_response(orders))
+
     powers = [
         index
         for index, level in enumerate(catalogue)
         if level.quantity == "power" and not level.is_envelope
     ]
+
     for kind in (powers[:-48], powers[-48:]):  # narrow lines, logarithmic bands
         low, high = catalogue[max(kind, key=band_powers.__getitem__)].edges(turns)
         assert low <= frequency <= high
@@ -103,6 +113,8 @@ def test_shares_of_each_level_sum_to_one_and_orders_stay_whole() -> None:
     bands = evidence_bands(RATE, SHAFT, LENGTH)
     catalogue = window_bands(LENGTH, uses_orders=True)
     shares = feature_shares(catalogue, bands, RATE, SHAFT / RATE)
+
     np.testing.assert_allclose(shares.sum(axis=1), 1)
+
     names = [band.name for band in bands]
     assert shares[5 + 8, names.index("order 9")] == pytest.approx(1)

@@ -85,6 +85,7 @@ def test_a_classifier_loaded_answers_bit_for_bit_as_the_one_saved(tmp_path, name
     settings = TrainingSettings(epochs=1, normalization=normalization)
     classifier = fit(build_network(name, 1, 2), windows(), settings=settings, manifest=["extra"])
     loaded = load_classifier(save_classifier(classifier, tmp_path / "deep" / "model.safetensors"))
+
     np.testing.assert_array_equal(
         loaded.predict_proba(windows()), classifier.predict_proba(windows())
     )
@@ -100,6 +101,7 @@ def test_a_classifier_loaded_answers_bit_for_bit_as_the_one_saved(tmp_path, name
         "speeds",
     ):
         assert getattr(loaded, fact) == getattr(classifier, fact)
+
     assert [path.name for path in (tmp_path / "deep").iterdir()] == ["model.safetensors"]
 
 
@@ -118,11 +120,14 @@ def test_a_file_whose_card_misses_something_is_refused_in_one_line(saved):
             {key: value for key, value in card.items() if key != name},
             tensors,
         )
+
         with pytest.raises(ArtifactError, match=f"does not fit this swashtwin.*{name}") as caught:
             load_classifier(saved)
         assert "\n" not in str(caught.value)
+
     del tensors["network.weights.head.weight"]
     write_artifact(saved, "classifier", 9, card, tensors)
+
     with pytest.raises(ArtifactError, match="does not fit this swashtwin"):
         load_classifier(saved)
 
@@ -157,6 +162,7 @@ def test_a_new_recording_is_diagnosed_from_all_its_windows(classifier, label):
     diagnosis = diagnose(
         classifier, recording(f"new {label}", label).replace(label="a label never trained")
     )
+
     assert diagnosis.label == label
     assert diagnosis.n_windows == 6
     assert diagnosis.agreement == pytest.approx(diagnosis.window_labels.count(label) / 6)
@@ -168,11 +174,14 @@ def test_a_new_recording_is_diagnosed_from_all_its_windows(classifier, label):
 def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(classifier):
     (note,) = diagnose(classifier, recording("new", "normal", pressure=5)).notes
     assert "5 MPa was not trained (trained: 15 MPa)" in note
+
     (note,) = diagnose(classifier, recording("new", "normal", speed=1500)).notes
     assert "1500 rev/min was not trained" in note
     assert diagnose(classifier, recording("new", "normal", speed=870, pressure=15.3)).notes == ()
+
     (note,) = diagnose(classifier, recording("piston 1", "piston")).notes
     assert "this very recording" in note
+
     slow = diagnose(classifier, recording("new", "normal", speed=400)).notes
     assert "shorter than one revolution" in slow[0]
 
@@ -192,6 +201,7 @@ def test_a_machine_without_a_part_in_the_training_is_said_to_be_another_one(
     reference = replace(classifier.training_reference, specimen=tuple(machines))
     trained = replace(classifier, training_reference=reference)
     notes = diagnose(trained, replace(recording("new", "piston"), specimen=specimen)).notes
+
     assert [note[: len(words[0])] for note in notes] == words if words else notes == ()
     assert ("measured on one machine only" in describe_single_machine_faults(reference)) == (
         machines != "ABCABC"
@@ -239,6 +249,7 @@ def test_a_diagnosis_imports_no_library_that_it_does_not_need(tmp_path):
     )
     command = [sys.executable, "-c", code, str(saved), str(path)]
     answer = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
     assert "piston" in answer
     assert answer.endswith("imported: []\n")
 
@@ -278,11 +289,14 @@ def test_a_model_with_a_weight_that_is_nan_gives_no_verdict_and_is_neither_saved
     with torch.no_grad():
         next(network.parameters()).fill_(math.nan)
     damaged = replace(classifier, network=network)
+
     assert "the model is damaged" in diagnose(damaged, recording("new", "normal")).no_verdict
+
     test = cut_windows(
         [recording("new", "normal"), recording("newer", "piston")], length=80, classes=CLASSES
     )
     scores = evaluate(damaged, test)
+
     assert (scores.accuracy, scores.recording_accuracy) == (0, 0)
     assert (scores.false_alarm_rate, scores.missed_fault_rate) == (1, 1)
     assert scores.reasons["accuracy"] == "12 of 12 windows have no verdict and count as errors"
@@ -299,22 +313,29 @@ def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(
 ):
     for name, item in (("good", recording("good", "piston")), ("spiked", spiked(1e20))):
         write_recording(item, tmp_path / f"{name}.h5")
+
     words = ["diagnose", saved, tmp_path / "good.h5", tmp_path / "spiked.h5"]
     good, bad = run_json(*words, "--report", tmp_path / "page", code=4)["diagnoses"]
+
     assert (good["label"], bad["label"], bad["probabilities"]) == ("piston", None, {})
+
     page = (tmp_path / "page" / "report.html").read_text()
     assert "Diagnosis of spiked" in page
     assert "<h2>No verdict</h2>" in page
+
     text = run(*words, code=4).output
     assert (
         "note: spiked: no verdict: the model's answer to 1 of 6 windows is not a finite number"
         in text
     )
+
     run(*words[:3])
     for name in ("short", "brief"):
         write_recording(recording(name, "piston", samples=79), tmp_path / f"{name}.h5")
+
     cut = run(*words[:2], tmp_path / "short.h5", tmp_path / "brief.h5", code=4)
     assert "note: in 2 recordings (short, brief): no verdict: it has 79 samples" in cut.output
+
     (tmp_path / "healthy.csv").touch()
     assert (
         "is not an index" in run(*words[:3], "--healthy", tmp_path / "healthy.csv", code=2).output
@@ -326,6 +347,7 @@ def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(
 
     monkeypatch.setattr("swashtwin.diagnosis.explain", explain_late)
     late = run(*words[:3], "--report", tmp_path / "page")
+
     assert "good.h5: the file is gone since it was loaded" in late.stderr
     assert "piston" in late.stdout
 
@@ -340,11 +362,15 @@ def test_another_machine_with_the_same_file_names_is_tested_and_a_renamed_copy_i
             item = recording(name if folder == "same" else f"{name}, machine 2", label)
             called = f"renamed {index}" if folder == "same" else name
             write_recording(item.replace(recording_id=called), tmp_path / folder / f"{called}.h5")
+
         run("index", tmp_path / folder, "--out", tmp_path / folder / "index.toml")
+
     answer = run_json("evaluate", saved, tmp_path / "other" / "index.toml")
     assert answer["recordings"] == ["normal 0", "piston 0"]
+
     refused = run("evaluate", saved, tmp_path / "same" / "index.toml", code=3)
     assert "All 2 recordings had a part in the model" in one_line(refused)
+
     said = run_json("diagnose", saved, tmp_path / "same" / "renamed 0.h5")["diagnoses"][0]["notes"]
     assert "under the name normal 0; the answer proves nothing" in said[0]
     assert (

@@ -19,7 +19,8 @@ from swashtwin.pump import CLASSES, OperatingCondition
 from swashtwin.recordings import Recording, write_recording
 from swashtwin.report import write_report
 
-RATE, SHAFT = 1024.0, 16.0
+RATE = 1024.0
+SHAFT = 16.0
 LABELS = ("normal", "valve_plate")
 
 
@@ -33,6 +34,7 @@ def recording(name: str, label: str, burst: bool = False) -> Recording:
     if label == "valve_plate":
         signal[1] += np.cos(7 * angle) * (np.arange(2048) >= 1024 if burst else 1)
     condition = OperatingCondition(speed=rpm(60 * SHAFT), discharge_pressure=MPa(15))
+
     return Recording(
         signal, RATE, name, label=label, condition=condition, channels=("base_x", "cover_z")
     )
@@ -66,6 +68,7 @@ def test_lines_add_up_to_the_answer(evidence: Evidence) -> None:
 def test_readings_that_speak_against_their_own_verdict_say_so(evidence: Evidence) -> None:
     assert evidence.margin > 0
     assert not any("even more firmly" in said for said in evidence.sentences())
+
     against = replace(evidence, margin=-evidence.margin)
     assert any(
         "for silence the network answers valve plate even more firmly" in said
@@ -81,6 +84,7 @@ def test_of_a_linear_answer_the_gradient_is_the_weights_and_nothing_is_missed() 
     weights = torch.arange(12, dtype=torch.float32).reshape(2, 6)
     signal = np.random.default_rng(0).normal(size=(3, 2, 6)).astype(np.float32)
     gradient, change = mean_gradients(Line(), signal, 0, 1)
+
     np.testing.assert_allclose(
         gradient, np.broadcast_to(weights.numpy(), gradient.shape), atol=1e-5
     )
@@ -89,8 +93,10 @@ def test_of_a_linear_answer_the_gradient_is_the_weights_and_nothing_is_missed() 
 
 def test_a_line_that_alone_differs_gets_all_the_share() -> None:
     time = np.arange(256) / 256
-    signal, gradient = np.sin(2 * np.pi * 9 * time)[None], 3 * np.sin(2 * np.pi * 9 * time)[None]
+    signal = np.sin(2 * np.pi * 9 * time)[None]
+    gradient = 3 * np.sin(2 * np.pi * 9 * time)[None]
     share = line_shares(signal, gradient)
+
     assert share[0].argmax() == 9
     assert share[0, 9] == pytest.approx(share.sum()) == pytest.approx(3 * 128)
 
@@ -109,13 +115,15 @@ def test_random_weights_give_other_evidence(
     """The sanity check of Adebayo and others 2018 (arXiv:1810.03292): evidence that survives it
     shows the data only.
     """
-    measurement, similar = recording("new", "valve_plate"), []
+    measurement = recording("new", "valve_plate")
+    similar = []
     for seed in range(5):
         drawn = replace(classifier, network=classifier.network.fresh(seed).eval())
         lines = evidence_of(drawn, measurement).contributions
         similar.append(
             np.corrcoef(np.abs(lines).ravel(), np.abs(evidence.contributions).ravel())[0, 1]
         )
+
     again = evidence_of(classifier, recording("other", "valve_plate")).contributions
     assert np.corrcoef(np.abs(again).ravel(), np.abs(evidence.contributions).ravel())[0, 1] > 0.9
     assert np.median(similar) < 0.7
@@ -136,6 +144,7 @@ def test_without_a_speed_evidence_is_by_third_octaves_that_leave_no_gap(
     assert result.bands[-1].high == RATE / 2
     assert [band.high for band in result.bands[:-1]] == [band.low for band in result.bands[1:]]
     assert result.contributions.sum() == pytest.approx(result.margin, rel=0.03)
+
     _, band, _ = result.strongest()[0]
     assert band.low <= 7 * SHAFT <= band.high
 
@@ -143,6 +152,7 @@ def test_without_a_speed_evidence_is_by_third_octaves_that_leave_no_gap(
 def test_of_a_long_recording_the_windows_that_speak_most_are_taken(classifier, monkeypatch) -> None:
     monkeypatch.setattr("swashtwin.diagnosis.evidence.MAX_WINDOWS", 4)
     result = evidence_of(classifier, recording("burst", "valve_plate", burst=True))
+
     assert result.start >= 1.0
     assert result.duration == pytest.approx(4 * 128 / RATE)
 
@@ -167,9 +177,11 @@ def test_contributions_that_do_not_add_up_are_not_shown_as_shares(
 ) -> None:
     assert evidence.adds_up
     assert evidence.total == pytest.approx(1, abs=0.03)
+
     lines = evidence.contributions * (1.3 * evidence.margin / evidence.contributions.sum())
     off = replace(evidence, contributions=lines, completeness_error=0.3)
     answer = off.to_dict()
+
     assert (answer["adds_up"], answer["strongest"][0]["share"]) == (False, None)
     assert answer["total"] == pytest.approx(1.3)
     assert answer["strongest"][0]["band"] == "order 7"
@@ -179,6 +191,7 @@ def test_contributions_that_do_not_add_up_are_not_shown_as_shares(
     )
     assert " %)" not in off.sentences()[0]
     assert replace(off, margin=0.0).to_dict()["total"] is None
+
     text = write_report(off, folder=tmp_path).read_text(encoding="utf-8")
     assert "add to 130 % of the score" in text
     assert "strongest first" in text
@@ -190,6 +203,7 @@ def test_the_page_shows_lines_neighbors_and_checks(classifier, evidence, tmp_pat
         diagnose(classifier, recording("new", "valve_plate")), evidence, folder=tmp_path
     )
     text = page.read_text(encoding="utf-8")
+
     for words in (
         "order 7 (112 Hz, piston-pass line)",
         evidence.nearest[0].recording_id,
@@ -197,9 +211,11 @@ def test_the_page_shows_lines_neighbors_and_checks(classifier, evidence, tmp_pat
         "case drain flow",
     ):
         assert words in text
+
     table = np.genfromtxt(
         tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None
     )
+
     assert table["adds"].sum() == pytest.approx(evidence.margin, rel=0.03)
     assert (
         json.loads((tmp_path / "results.json").read_text())["evidence"][0]["label"] == "valve_plate"
@@ -210,6 +226,7 @@ def test_diagnose_writes_one_page_with_its_evidence(classifier, tmp_path: Path) 
     model = save_classifier(classifier, tmp_path / "m.safetensors")
     file = write_recording(recording("new", "valve_plate"), tmp_path / "new.h5")
     answer = run_json("diagnose", model, file, "--report", tmp_path / "page.html", "--pistons", 7)
+
     assert answer["report"] == str(tmp_path / "page.html")
     assert answer["evidence"][0]["strongest"][0]["channel"] == "cover_z"
     assert "piston-pass line" in (tmp_path / "page.html").read_text(encoding="utf-8")
@@ -225,6 +242,7 @@ def test_every_class_has_checks_and_the_unknown_has_those_of_any_fault() -> None
     assert set(CLASSES) <= set(CHECKS)
     for label in CHECKS:
         assert all(check.what and check.why for check in next_checks(label))
+
     assert next_checks("valve_plate")[1] not in next_checks("valve_plate", unknown=True)
     assert next_checks("a class of the user's")
 

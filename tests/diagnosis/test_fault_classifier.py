@@ -37,6 +37,7 @@ def recordings(tag: str, per_class: int = 3) -> list[Recording]:
             phase = 2 * np.pi * (0.05 + 0.1 * index) * np.arange(640) + draw.uniform(0, 6)
             signal = np.sin(phase) + 0.3 * draw.normal(size=640)
             measured.append(Recording(signal[None], 1000.0, f"{tag} {label} {number}", label=label))
+
     return measured
 
 
@@ -44,6 +45,7 @@ def synthetic_windows(label: str, manifest: tuple[str, ...] = ()) -> WindowSet:
     draw = np.random.default_rng(5)
     signal = draw.normal(size=(6, 1, 128)).astype(np.float32)
     nan = np.full(6, np.nan)
+
     return WindowSet(
         signal=signal, target=np.zeros(6, dtype=np.int64), classes=(label,),
         recording_id=np.array([f"made {index}" for index in range(6)]), specimen=np.full(6, ""),
@@ -73,11 +75,14 @@ def test_the_checks_of_scikit_learn_pass():
         if result["status"] == "failed"
     }
     skipped = {result["check_name"] for result in results if result["status"] == "skipped"}
+
     assert failed == {}
+
     needs_more = {
         "check_array_api_input",
         "check_classifier_data_not_an_array",
     }  # SCIPY_ARRAY_API, and pandas
+
     assert skipped <= needs_more
     assert len(results) > 40
 
@@ -88,6 +93,7 @@ def test_the_defaults_are_the_recommended_training_and_the_preset_is_the_papers(
         FaultClassifier(**presets.recommended.classifier).get_params()
         == FaultClassifier().get_params()
     )
+
     paper = FaultClassifier(**presets.paper.classifier)
     assert (paper.network, paper.make_training_settings()) == ("bitcn", PAPER_TRAINING)
 
@@ -97,7 +103,9 @@ def test_it_trains_as_fit_does_bit_for_bit_and_clones_to_the_same_bits(classifie
     settings = classifier.make_training_settings()
     fitted = fit(BandPowerNetwork(1, 2), windows, settings=settings)
     new = cut_windows(recordings("new"), length=128)
+
     np.testing.assert_array_equal(classifier.predict_proba(new), fitted.predict_proba(new))
+
     again = clone(classifier).fit(windows)
     np.testing.assert_array_equal(again.predict_proba(new), fitted.predict_proba(new))
 
@@ -105,11 +113,13 @@ def test_it_trains_as_fit_does_bit_for_bit_and_clones_to_the_same_bits(classifie
 def test_recordings_get_one_answer_each_which_is_that_of_the_diagnosis(classifier):
     new = recordings("new")
     labels = classifier.predict(new)
+
     assert labels.tolist() == [recording.label for recording in new]
     for row, recording in zip(classifier.predict_proba(new), new, strict=True):
         assert dict(zip(CLASSES, row, strict=True)) == pytest.approx(
             classifier.diagnose(recording).probabilities
         )
+
     assert repr(classifier.diagnose(new[0])).startswith(
         "<Diagnosis of new normal 0: normal (normal "
     )
@@ -120,12 +130,14 @@ def test_recordings_get_one_answer_each_which_is_that_of_the_diagnosis(classifie
 def test_the_score_is_the_accuracy_of_the_predictions(classifier):
     new = recordings("new")
     windows = cut_windows(new, length=128)
+
     assert classifier.score(new) == np.mean(
         classifier.predict(new) == [recording.label for recording in new]
     )
     assert classifier.score(iter(new)) == classifier.score(new)
     assert classifier.score(windows) == np.mean(classifier.predict(windows) == windows.label)
     assert classifier.score(new, ["piston"] * 6) == 0.5
+
     scores = classifier.evaluate(new, split="L2")
     assert scores.to_dict() == evaluate(classifier.fitted_, windows, split="L2").to_dict()
 
@@ -135,8 +147,10 @@ def test_a_recording_with_a_part_in_the_training_is_not_scored(classifier):
     for test in (train, cut_windows(train, length=128)):
         with pytest.raises(LeakError, match="had a part in the classifier"):
             classifier.score(test)
+
     synthetic = synthetic_windows("valve_plate", manifest=("new normal 1",))
     twinned = FaultClassifier(**SMALL).fit(train, synthetic=synthetic)
+
     with pytest.raises(LeakError, match="new normal 1 had a part"):
         twinned.score(recordings("new"))
 
@@ -147,6 +161,7 @@ def test_synthetic_windows_may_bring_a_class_that_was_never_measured():
         recordings("train"),
         synthetic=[synthetic_windows("valve_plate"), synthetic_windows("normal")],
     )
+
     assert classifier.classes_.tolist() == ["normal", "piston", "valve_plate"]
     assert classifier.predict(recordings("new")).shape == (6,)
     with pytest.raises(DataError, match="train normal 0 is measured; give it in X"):
@@ -158,21 +173,27 @@ def test_a_label_of_another_language_is_mapped_to_its_fault_and_asked_about_with
     train = [item.replace(label=german[item.label]) for item in recordings("train")]
     sets = [synthetic_windows("normal"), synthetic_windows("piston")]
     classifier = FaultClassifier("band_powers", window=128, epochs=1).fit(train, synthetic=sets)
+
     assert classifier.classes_.tolist() == ["Gut", "Kolbenverschleiss", "piston"]
     assert "'Kolbenverschleiss' stands for 'piston'" in classifier.notes_[0]
+
     only_healthy = classifier.fit(train[:3], synthetic=sets)
     assert not any("stands for" in note for note in only_healthy.notes_)
+
     mapped = FaultClassifier(
         "band_powers", window=128, epochs=1, fault_of={"Kolbenverschleiss": "piston"}
     )
     mapped.fit(train, synthetic=sets)
+
     assert mapped.classes_.tolist() == ["Gut", "Kolbenverschleiss"]
     assert not any("stands for" in note for note in mapped.notes_)
     assert mapped.diagnose(recordings("new")[0]).fault_of == {"Kolbenverschleiss": "piston"}
+
     like = [
         replace(item, classes=(*item.classes, "Kolbenverschleiss"), target=item.target)
         for item in sets
     ]
+
     assert mapped.fit(train, synthetic=like).classes_.tolist() == ["Gut", "Kolbenverschleiss"]
     with pytest.raises(InputError, match="No recording is of the class 'Kolben'"):
         FaultClassifier("band_powers", window=128, fault_of={"Kolben": "piston"}).fit(
@@ -188,8 +209,10 @@ def test_validation_recordings_have_no_part_in_the_synthetic_windows():
     manifest = tuple(f"train {label} {index}" for label in CLASSES for index in (0, 2))
     classifier.fit(train, synthetic=synthetic_windows("normal", manifest))
     trained = set(classifier.fitted_.training_reference.recording_id)
+
     assert set(manifest) <= trained
     assert len(trained) == 8
+
     everything = tuple(recording.recording_id for recording in train)
     with pytest.raises(DataError, match="without a part in synthetic ones"):
         classifier.fit(train, synthetic=synthetic_windows("normal", everything))
@@ -201,6 +224,7 @@ def test_too_few_validation_recordings_are_told_before_the_training():
         FaultClassifier(**SMALL, validation_fraction=0.34, error_rate=0.1).fit(
             recordings("train"), progress=lambda *step: epochs.append(step)
         )
+
     assert epochs == []
 
 
@@ -211,11 +235,14 @@ def test_arrays_are_cross_validated_by_recording():
         FaultClassifier("band_powers", sample_rate=1000.0), windows.signal, labels,
         groups=windows.recording_id, cv=StratifiedGroupKFold(3), error_score="raise",
     )  # fmt: skip
+
     assert result["test_score"].min() > 0.9
+
     result = cross_validate(
         FaultClassifier("band_powers", window=128), recordings("all"), ["sound"] * 3 + ["worn"] * 3,
         cv=3, error_score="raise",
     )  # fmt: skip
+
     assert result["test_score"].tolist() == [1, 1, 1]
 
 
@@ -224,6 +251,7 @@ def test_classes_of_an_array_keep_their_type_and_groups_enter_the_manifest():
     classifier = FaultClassifier("band_powers").fit(
         windows.signal, windows.target, groups=windows.recording_id
     )
+
     assert classifier.classes_.dtype.kind == "i"
     assert set(classifier.predict(windows.signal)) == {0, 1}
     assert tuple(classifier.fitted_.manifest) == tuple(np.unique(windows.recording_id))
@@ -234,6 +262,7 @@ def test_what_is_saved_comes_back_with_its_parameters_and_answers(tmp_path):
     classifier = FaultClassifier(**SMALL, **settings, seed=3).fit(recordings("train"))
     loaded = FaultClassifier.load(classifier.save(tmp_path / "pump.safetensors"))
     new = recordings("new")
+
     np.testing.assert_array_equal(loaded.predict_proba(new), classifier.predict_proba(new))
     assert loaded.get_params() == classifier.get_params() | {"sample_rate": 1000.0}
     assert clone(loaded).get_params() == loaded.get_params()
@@ -277,13 +306,16 @@ def test_data_that_do_not_belong_are_refused(classifier):
         FaultClassifier(**SMALL).fit(recordings("train"), classes="normal")
     with pytest.raises(InputError, match="give synthetic windows as synthetic="):
         FaultClassifier(**SMALL).fit(recordings("train"), synthetic_windows("normal"))
+
     none = windows.subset(windows.target < 0)
     for use in (FaultClassifier(**SMALL).fit, classifier.predict, classifier.score):
         with pytest.raises(DataError, match=r"no window of 128 samples .* Give longer recordings"):
             use(none)
+
     for nothing in ([], Recordings([])):
         with pytest.raises(InputError, match="X holds no recording and no window"):
             classifier.predict(nothing)
+
     with pytest.raises(InputError, match=r"groups has shape .2,. for 30 windows"):
         FaultClassifier(**SMALL).fit(windows.signal, windows.target, groups=["a", "b"])
     with pytest.raises(InputError, match="an array is scored with score"):

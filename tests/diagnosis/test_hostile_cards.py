@@ -26,6 +26,7 @@ def saved(tmp_path: Path) -> Path:
     classifier = fit(
         BiTCN(1, 2, channels=(8,), kernel_size=3), windows, settings=TrainingSettings(epochs=1)
     )
+
     return save_classifier(with_confidence(classifier), tmp_path / "saved.safetensors")
 
 
@@ -36,8 +37,10 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
             tmp_path / "model.safetensors", "classifier", VERSION, card, tensors, may_be_nan=None
         )
     )
-    wrong, count = [], 0
+    wrong = []
+    count = 0
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
     for number, (name, changed) in enumerate(hostile_cards(card)):
         if number % 6 and name not in CONTRADICTIONS:
             continue
@@ -49,6 +52,7 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
             tensors,
             may_be_nan=None,
         )
+
         try:
             load_classifier(path)
             wrong.append(f"{name}: loaded")
@@ -57,7 +61,9 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
                 wrong.append(f"{name}: {str(error)[:700]}")
         except Exception as error:
             wrong.append(f"{name}: {type(error).__name__}: {error}")
+
         count += 1
+
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000, (
         "kB beside what was in memory"
     )
@@ -94,5 +100,6 @@ def test_tensors_that_fit_neither_the_card_nor_the_classes_are_refused(
     path = write_artifact(
         tmp_path / "hostile.safetensors", "classifier", VERSION, card, tensors, may_be_nan=None
     )
+
     with pytest.raises(ArtifactError, match=r"confidence|training.reference|expected"):
         load_classifier(path)

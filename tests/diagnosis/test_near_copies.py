@@ -26,6 +26,7 @@ def recording(number: int, label: str = "normal") -> Recording:
         axis=0
     )
     signal = np.stack([lines, 0.5 * lines]) + 0.3 * draw.normal(size=(2, turns.size))
+
     return Recording(signal, RATE, f"{label} {number}", channels=("x", "y"), label=label)
 
 
@@ -87,15 +88,18 @@ def test_an_altered_copy_is_known_by_the_recording_it_is_of(
     copy = Recording(
         signal, RATE * RATES.get(kind, 1.0), "new", channels=tuple("xy")[: len(signal)]
     )
+
     assert find_copies(manifest, build_manifest([copy])) == {"new": "normal 3"}
 
 
 def beating(draw: np.random.Generator) -> np.ndarray:
     """Lines close together, whose levels rise and fall alike in every recording."""
-    time, phase = np.arange(20000) / RATE, draw.uniform(0, 6)
+    time = np.arange(20000) / RATE
+    phase = draw.uniform(0, 6)
     lines = [
         np.sin(2 * np.pi * f * time + k * phase) for f in 95.0 * np.arange(1, 20) for k in range(3)
     ]
+
     return np.sum(lines, axis=0) * (1 + 0.8 * np.sin(2 * np.pi * 2.3 * time + phase)) + draw.normal(
         size=time.size
     )
@@ -129,6 +133,7 @@ def test_steady_recordings_of_one_machine_are_no_copies(
         Recording(kind(np.random.default_rng(number))[None], RATE, f"{number}", channels=("x",))
         for number in range(12)
     ]
+
     assert not find_copies(build_manifest(made[:6]), build_manifest(made[6:]))
 
 
@@ -158,6 +163,7 @@ def test_a_copy_is_found_among_more_recordings_than_are_compared_at_a_time(
         recording(9),
         recording(5).replace(recording_id="other"),
     ]
+
     assert find_copies(listed, build_manifest(copies[:2])) == {"new": "normal 3"}
     assert find_copies(manifest, build_manifest(copies)) == {
         "new": "normal 3",
@@ -172,13 +178,16 @@ def test_an_evaluation_refuses_an_altered_copy_and_a_diagnosis_compares_samples_
     classifier = FaultClassifier("band_powers", window=1000, epochs=1).fit(train)
     copy = recording(1, "piston")
     copy = copy.replace(recording_id="new", signal=1 + 2 * copy.signal[:, 2000:])
+
     assert classifier.evaluate([recording(7), recording(8, "piston")]).n_recordings == 2
     with pytest.raises(
         LeakError,
         match="recording new, a copy of piston 1, altered or not",
     ):
         classifier.evaluate([copy])
+
     monkeypatch.setattr("swashtwin.recordings.manifest.find_altered_copies", None)
     again = recording(1, "piston").replace(recording_id="again")
+
     assert "this very recording, under the name piston 1" in classifier.diagnose(again).notes[0]
     assert not any("very recording" in text for text in classifier.diagnose(copy).notes)

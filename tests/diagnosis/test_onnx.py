@@ -45,6 +45,7 @@ def windows(count: int = 12) -> WindowSet:
         )
         for number in range(4)
     ]  # fmt: skip
+
     return cut_windows(recordings, length=97)
 
 
@@ -87,10 +88,13 @@ def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_win
     classifier, path = exported(name)
     opened = session(path)
     expected = classifier.predict_proba(windows())
+
     assert expected.std(axis=0).min() > 1e-5
+
     for chosen in (slice(0, 1), slice(None)):
         answer = opened.run(["probability"], {"windows": windows().signal[chosen]})[0]
         np.testing.assert_allclose(answer, expected[chosen], atol=1e-5)
+
     assert [file.name for file in path.parent.iterdir()] == ["model.onnx"]
 
 
@@ -109,6 +113,7 @@ def test_the_file_of_a_network_on_orders_takes_the_speed(
     opened = session(export_onnx(classifier, tmp_path / "model.onnx"))
     inputs = {"windows": turning.signal, "speed": turning.speed.astype(np.float32)}
     expected = classifier.predict_proba(turning)
+
     assert np.abs(expected - classifier.predict_proba(windows())).max() > 1e-3
     np.testing.assert_allclose(opened.run(["probability"], inputs)[0], expected, atol=1e-5)
 
@@ -123,14 +128,20 @@ def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Pat
     saved = save_classifier(classifier, tmp_path / "model.safetensors")
     words = ("model", "export", saved, "--out", tmp_path / "model.onnx")
     (tmp_path / "model.onnx").write_text("mine")
+
     assert "Overwrite it with --force" in one_line(run(*words, code=3))
+
     run(*words, "--force")
     answer = run_json(*words)  # replaces what it wrote itself
+
     assert (answer["network"], answer["classes"]) == ("band_powers", ["normal", "piston"])
+
     opened = session(tmp_path / "model.onnx")
     assert opened.get_inputs()[0].shape[1:] == [2, 97]
+
     probability = opened.run(None, {"windows": windows().signal})[0]
     np.testing.assert_allclose(probability, classifier.predict_proba(windows()), atol=1e-5)
+
     facts = facts_of(opened)
     assert facts["classes"] == ["normal", "piston"]
     assert facts["layout"] == {

@@ -33,6 +33,7 @@ def recordings(tag: str) -> list[Recording]:
             phase = 2 * np.pi * (0.05 + 0.1 * index) * np.arange(640) + draw.uniform(0, 6)
             signal = np.sin(phase) + 0.3 * draw.normal(size=640)
             measured.append(Recording(signal[None], 1000.0, f"{tag} {label} {number}", label=label))
+
     return measured
 
 
@@ -53,19 +54,25 @@ def test_it_is_trained_saved_and_loaded_and_refused_where_it_is_not_registered(
         "convolution", window=128, epochs=40, learning_rate=0.01, network_settings={"width": 8}
     ).fit(recordings("train"))
     new = recordings("new")
+
     assert classifier.score(new) == 1
+
     path = classifier.save(tmp_path / "own.safetensors")
     loaded = FaultClassifier.load(path)
+
     np.testing.assert_array_equal(loaded.predict_proba(new), classifier.predict_proba(new))
     assert loaded.get_params()["network_settings"] == {"width": 8}
     assert loaded.diagnose(new[4]).label == "piston"
+
     del NETWORKS["convolution"]
     with pytest.raises(ArtifactError, match=r"not registered here; register the same network"):
         load_classifier(path)
+
     register_network(
         "convolution",
         lambda n_channels, n_classes, length: Convolution(n_channels, n_classes, length),
     )
+
     with pytest.raises(ArtifactError, match="does not fit"):  # another width
         load_classifier(path)
 
@@ -78,6 +85,7 @@ def test_an_entry_point_registers_it_for_the_command_line(registered, monkeypatc
     monkeypatch.setattr(
         "swashtwin.learning.networks.registry.entry_points", lambda group, name: [EntryPoint()]
     )
+
     assert build_network("from_a_package", 2, 3, length=64).n_classes == 3
 
 
@@ -92,21 +100,26 @@ def test_wrong_registrations_and_wrong_modules_are_refused(registered):
         InputError, match=r"takes \(n_channels, depth\): too many positional arguments"
     ):
         register_network("short", lambda n_channels, depth: nn.Flatten())
+
     register_network("number", lambda n_channels, n_classes, length: 7)
     with pytest.raises(InputError, match=r"was built as a int; it must be an nn\.Module"):
         build_network("number", 1, 2, length=64)
     with pytest.raises(InputError, match="specify that length"):
         build_network("number", 1, 2)
+
     register_network("flat", lambda n_channels, n_classes, length: nn.Flatten())
     with pytest.raises(InputError, match="'flat' has no weight to train"):
         build_network("flat", 1, 2, length=64)
+
     register_network(
         "steps", lambda n_channels, n_classes, length: nn.Conv1d(n_channels, n_classes, 3)
     )
+
     with pytest.raises(
         InputError, match=r"gives the shape \(\d+, 2, 126\) .*one score per class, \(\d+, 2\)"
     ):
         FaultClassifier("steps", window=128, epochs=1).fit(recordings("train"))
+
     register_network("convolution", Convolution)
     with pytest.raises(InputError, match="has no setting 'depth'; it has width"):
         build_network("convolution", 1, 2, length=64, depth=3)

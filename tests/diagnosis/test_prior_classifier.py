@@ -62,6 +62,7 @@ def recording(
     twin = twin.with_interfaces(type(twin.pump.interfaces).from_values(values))
     clean = twin.simulate(1.5, RATE, recording_id=f"{label} {number}")
     noise = draw.normal(0, 0.05, clean.signal.shape)
+
     return replace(
         clean,
         signal=(clean.signal + noise).astype(np.float32),
@@ -78,7 +79,8 @@ def changes() -> OrderChanges:
 
 @cache
 def trained() -> PriorClassifier:
-    prior, drawn = PumpPrior(), changes()
+    prior = PumpPrior()
+    drawn = changes()
     speed, pressure = operating_range(prior.pump, prior)
     arrays = (drawn.change, drawn.label, drawn.pump, drawn.scatter, drawn.drawn)
     return make_prior(*arrays, pump=prior.pump, speed=speed, pressure=pressure)
@@ -115,6 +117,7 @@ def test_a_fault_changes_levels_more_than_another_healthy_recording_does() -> No
 def test_the_shipped_prior_names_faults_that_nobody_measured() -> None:
     shipped = PriorClassifier.load("25scy14-1b").fit(healthy())
     verdicts = [shipped.diagnose(recording(label, 9)) for label in FAULTS]
+
     assert [verdict.label for verdict in verdicts] == list(FAULTS)
     assert all(abs(sum(verdict.probabilities.values()) - 1) < 1e-6 for verdict in verdicts)
 
@@ -122,6 +125,7 @@ def test_the_shipped_prior_names_faults_that_nobody_measured() -> None:
 def test_a_gain_changes_no_probability() -> None:
     louder = trained().fit([replace(item, signal=4 * item.signal) for item in healthy()])
     test = recording("piston", 9)
+
     assert np.allclose(
         louder.predict_proba([replace(test, signal=4 * test.signal)]),
         adapted().predict_proba([test]),
@@ -135,6 +139,7 @@ def test_a_measured_fault_raises_the_probability_of_its_class() -> None:
     taught = trained().fit([*healthy(), worn], fault_of={"Verschleiß": "piston"})
     after = taught.predict_proba([recording("piston", 9)])[0]
     index = taught.classes.index("piston")
+
     assert after[index] > before[index]
     assert taught.taught == {"piston": 1}
     assert "1 of piston" in repr(taught)
@@ -149,8 +154,11 @@ def test_how_much_healthy_recordings_differ_is_the_unit_of_changes() -> None:
         replace(item, signal=(1 + 0.3 * number) * item.signal)
         for number, item in enumerate(healthy())
     ]
-    moving, still = trained().fit(scattered), adapted()
-    changes, band_powers = moving.healthy_changes(), moving.band_powers
+    moving = trained().fit(scattered)
+    still = adapted()
+    changes = moving.healthy_changes()
+    band_powers = moving.band_powers
+
     assert np.allclose(changes[0], (band_powers[0] - band_powers[1:].mean(axis=0)) * np.sqrt(2 / 3))
     assert moving.head is not None
     assert still.head is not None
@@ -163,6 +171,7 @@ def test_a_floor_that_rises_alone_decides_nothing() -> None:
     item = recording("normal", 9)
     hiss = rng.normal(0, 0.4, item.signal.shape).astype(np.float32)
     verdict = adapted().diagnose(replace(item, signal=item.signal + hiss))
+
     assert verdict.verdict in ("unknown", "normal")
 
 
@@ -172,6 +181,7 @@ def test_a_single_sensor_and_another_number_of_pistons_serve() -> None:
 
     one = trained().fit([first(item) for item in healthy()])
     assert one.diagnose(first(recording("normal", 9))).label == "normal"
+
     nine = trained().fit(healthy(), pistons=9)
     assert (nine.n_pumps, nine.bands.piston_count) == (30, 9)
 
@@ -191,6 +201,7 @@ def test_healthy_recordings_of_another_machine_teach_nothing() -> None:
     other = [
         replace(item, specimen="B", recording_id=f"B {item.recording_id}") for item in healthy(1)
     ]
+
     assert len(trained().fit([*healthy(1), *other]).healthy_changes()) == 0
 
 
@@ -275,12 +286,14 @@ def test_a_speed_that_no_healthy_recording_has_is_told() -> None:
     verdict = adapted().diagnose(
         recording("normal", 9, condition=CONDITION.replace(speed=rpm(1150)))
     )
+
     assert "at another speed;" in verdict.notes[0]
 
 
 def test_a_saved_one_answers_alike(tmp_path: Path) -> None:
     again = PriorClassifier.load(adapted().save(tmp_path / "model.safetensors"))
     test = [recording("piston", 9)]
+
     assert np.allclose(again.predict_proba(test), adapted().predict_proba(test), atol=1e-3)
     assert again.manifest == adapted().manifest
 
@@ -291,6 +304,7 @@ def test_a_network_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     card, tensors = read_artifact(path, PriorClassifier.KIND, 2, advice="", may_be_nan=unstated)
     tensors["head_outer"] = tensors["head_outer"][:, :-1]
     write_artifact(path, PriorClassifier.KIND, 2, card, tensors, may_be_nan=unstated)
+
     with pytest.raises(ArtifactError, match="does not fit the classes and band powers"):
         PriorClassifier.load(path)
 
@@ -299,26 +313,33 @@ def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) 
     folder = tmp_path / "pump"
     items = [*healthy(2), recording("piston", 9)]
     files = [f"{number}.h5" for number in range(len(items))]
+
     for item, file in zip(items, files, strict=True):
         write_recording(item, folder / file)
+
     write_index(items[:2], files[:2], folder / "recordings.toml")
     model = tmp_path / "model.safetensors"
     trained_by = run("model", "adapt", "25scy14-1b", folder, "--out", model, "--json")
+
     assert json.loads(trained_by.stdout)["healthy"] == 2
     assert (
         "adapt it to healthy recordings"
         in run("diagnose", "25scy14-1b", folder / "2.h5", code=3).stderr
     )
+
     result = run("diagnose", model, folder / "2.h5", "--json")
     (verdict,) = json.loads(result.stdout)["diagnoses"]
+
     assert verdict["label"] == "piston"
 
 
 def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:
     out = tmp_path / "prior.safetensors"
     result = run("twin", "prior", "--out", out, "--count", "10", "--json")
+
     assert json.loads(result.stdout)["pumps"] == 10
     assert PriorClassifier.load(out).virtual is not None
+
     refused = run("model", "adapt", tmp_path, "25scy14-1b", code=3)
     assert "the prior stands first" in " ".join(refused.stderr.split())
 
@@ -340,6 +361,7 @@ def informed(**settings: Any) -> FaultClassifier:
         "epochs": 1,
         **settings,
     }
+
     return FaultClassifier("band_powers", window=4096, **settings)
 
 
@@ -352,12 +374,15 @@ def test_a_fault_that_was_never_trained_is_unknown_and_named(tmp_path: Path) -> 
     classifier = without_pistons()
     assert classifier.resemblance_ is not None
     assert classifier.resemblance_.classes == ("swash_plate", "piston")
+
     loaded = FaultClassifier.load(classifier.save(tmp_path / "model.safetensors"))
     new = recording("piston", 20)
     answer = loaded.diagnose(new)
+
     assert answer.unknown
     assert "resembles piston, which was not trained" in answer.sentence()
     assert answer.to_dict() == classifier.diagnose(new).to_dict()
+
     known = loaded.diagnose(recording("cylinder_block", 20))
     assert not any("resembles" in reason for reason in known.reasons)
 
@@ -365,23 +390,29 @@ def test_a_fault_that_was_never_trained_is_unknown_and_named(tmp_path: Path) -> 
 def test_a_machine_that_the_prior_never_heard_is_compared_with_its_own_healthy_recordings() -> None:
     classifier = without_pistons()
     resemblance = classifier.resemblance_
+
     assert resemblance is not None
-    answer, new = (
-        classifier.diagnose(recording("piston", 20)),
-        replace(recording("piston", 21), specimen="B"),
-    )
+
+    answer = classifier.diagnose(recording("piston", 20))
+    new = replace(recording("piston", 21), specimen="B")
+
     assert (
         "was not asked for faults that were not trained"
         in resemblance.extend_diagnosis(answer, new).notes[-1]
     )
+
     told = resemblance.with_healthy([replace(item, specimen="B") for item in healthy()])
     assert "resembles piston" in told.extend_diagnosis(answer, new).reasons[0]
+
     doubtful = replace(answer, unknown=False, p_value=0.6, prediction_set=("normal", "valve_plate"))
     near = told.extend_diagnosis(doubtful, new)
+
     assert near.is_prior_unknown
     assert near.sentence().startswith("Unknown: It resembles piston, which was not trained")
+
     label = str(answer.label)
     sure = replace(doubtful, prediction_set=(label,), probabilities={label: 0.9})
+
     assert not told.extend_diagnosis(sure, new).unknown  # a classifier that is sure is believed
     with pytest.raises(DataError, match="is not healthy"):
         resemblance.with_healthy([new])
@@ -395,6 +426,7 @@ def test_a_prior_without_a_use_is_refused_or_said() -> None:
         *(replace(item, label="swash_plate") for item in pistons[6:]),
     ]
     few = informed(validation_fraction=0.0, error_rate=None)
+
     assert any("needs 9" in note for note in few.fit([*healthy(2), *heard()[6:9]]).notes_)
     with pytest.raises(
         InputError, match=r"does not know the class 'riss', .* fault_of='riss=piston'"
@@ -405,9 +437,11 @@ def test_a_prior_without_a_use_is_refused_or_said() -> None:
                 for item in heard()
             ]
         )
+
     with pytest.raises(InputError, match="needs recordings"):
         few.fit(np.zeros((4, 1, 64)), ["a", "a", "b", "b"])
     assert few.fit(everything).resemblance_ is None
+
     without = few.fit(heard())
     assert without.resemblance_ is None
     assert any("pump prior was left out" in note for note in without.notes_)

@@ -37,6 +37,7 @@ def test_card_and_tensors_come_back_and_give_the_same_bytes_again(saved):
     card, tensors = read(saved)
     assert card == CARD
     assert all(np.array_equal(tensors[name], tensor) for name, tensor in TENSORS.items())
+
     again = write_artifact(saved.with_name("again.safetensors"), "thing", 3, card, tensors)
     assert again.read_bytes() == saved.read_bytes()
     assert sorted(path.name for path in saved.parent.iterdir()) == [
@@ -51,9 +52,11 @@ def test_every_flipped_byte_and_every_cut_is_refused_in_one_line(saved):
         changed = bytearray(content)
         changed[index] ^= 0x04
         saved.write_bytes(changed)
+
         with pytest.raises(ArtifactError) as caught:
             read(saved)
         assert "\n" not in str(caught.value)
+
     for length in (0, 5, 100, len(content) // 2, len(content) - 1):
         saved.write_bytes(content[:length])
         with pytest.raises(ArtifactError, match="damaged"):
@@ -116,6 +119,7 @@ def test_text_and_missing_files_are_refused(tmp_path):
     (tmp_path / "text.safetensors").write_text("pump")
     with pytest.raises(ArtifactError, match="damaged or not a saved thing"):
         read(tmp_path / "text.safetensors")
+
     (tmp_path / "long.safetensors").write_bytes(b"\xff" * 64)
     with pytest.raises(ArtifactError, match="damaged"):
         read(tmp_path / "long.safetensors")
@@ -129,11 +133,14 @@ def test_values_that_are_not_finite_are_neither_saved_nor_loaded(tmp_path, value
     with pytest.raises(ArtifactError, match="weight holds NaN or infinity"):
         write_artifact(tmp_path / "x.safetensors", "thing", 3, CARD, tensors)
     assert not list(tmp_path.iterdir())
+
     path = write_artifact(
         tmp_path / "x.safetensors", "thing", 3, CARD, tensors, may_be_nan=["weight"]
     )
+
     with pytest.raises(ArtifactError, match="weight holds NaN or infinity"):
         read(path)
+
     _, loaded = read_artifact(path, "thing", 3, advice="make it again", may_be_nan=["weight"])
     np.testing.assert_array_equal(loaded["weight"], tensors["weight"])
 

@@ -97,6 +97,7 @@ def test_a_card_that_misfits_is_refused_by_the_entry(
     path = save_artifact(tmp_path / "m.safetensors", "model", 1, MODEL, may_be_nan=["speed"])
     card, tensors = read_artifact(path, "model", 1, advice="", may_be_nan=["speed"])
     write_artifact(path, "model", 1, {**card, **change}, tensors, may_be_nan=["speed"])
+
     with pytest.raises(ArtifactError, match="does not fit this swashtwin") as caught:
         load(path)
     assert words in str(caught.value)
@@ -108,5 +109,6 @@ def test_an_unknown_entry_is_refused_with_the_likely_slip() -> None:
         match=r"^watch.toml: machines\[0\]: there is no entry 'limmit'; did you mean 'limit'",
     ):
         from_table({"machines": [{"name": "a", "limmit": 2}]}, Plant, "watch.toml")
+
     with pytest.raises(InputError, match=r"machines\[0\]: object missing required field `name`"):
         from_table({"machines": [{}]}, Plant, "watch.toml")

@@ -41,6 +41,7 @@ def test_a_function_runs_in_another_process_and_returns_its_result() -> None:
         np.testing.assert_array_equal(child.call(np.arange, 3, timeout_s=60), [0, 1, 2])
     finally:
         child.stop()
+
     assert child.pid is None
 
 
@@ -83,4 +84,5 @@ def test_a_lower_limit_of_the_system_is_kept() -> None:
     process = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
+
     assert process.stdout.strip() == f"({2**31}, {2**31})"

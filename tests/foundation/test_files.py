@@ -22,6 +22,7 @@ def test_an_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
         assert path.read_text() == "old"
         assert temporary.parent == path.parent
         assert temporary.suffix == path.suffix
+
     assert path.read_text() == "new"
 
 
@@ -76,6 +77,7 @@ def test_streams_of_different_purposes_are_uncorrelated() -> None:
         [random_stream(0, "part", number).standard_normal(4000) for number in range(20)]
     )
     correlation = np.corrcoef(drawn) - np.eye(20)
+
     assert np.abs(correlation).max() < 5 / np.sqrt(4000)
 
 

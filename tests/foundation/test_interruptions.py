@@ -48,6 +48,7 @@ def writer(tmp_path: Path) -> "subprocess.Popen[bytes]":
     )
     with process:
         assert process.stdout is not None
+
         process.stdout.readline()
         yield process
         process.kill()
@@ -58,10 +59,12 @@ def test_the_next_start_removes_what_a_killed_process_left(
 ) -> None:
     write_text(tmp_path / "b.txt", "whole")
     assert len(os.listdir(tmp_path)) == 3, "the file of a living process is left alone"
+
     writer.kill()
     writer.wait()
     atomic_files._remove_leftovers.cache_clear()
     write_text(tmp_path / "c.txt", "whole")
+
     assert sorted(os.listdir(tmp_path)) == ["b.txt", "c.txt"]
 
 
@@ -72,6 +75,7 @@ def test_a_leftover_without_its_lock_is_removed_and_other_hidden_files_are_not(
     others = {".swashtwin-settings", ".swashtwin-0123456789ab", ".a.h5"}
     for name in others:
         (tmp_path / name).write_text("mine")
+
     write_text(tmp_path / "a.txt", "whole")
     assert set(os.listdir(tmp_path)) == {"a.txt", *others}
 
@@ -81,7 +85,8 @@ def test_a_file_is_replaced_although_windows_holds_it_for_a_moment(
 ) -> None:
     monkeypatch.setattr(atomic_files, "_IS_WINDOWS", True)
     monkeypatch.setattr(atomic_files, "_REPLACE_DELAYS_S", (0.0, 0.0))
-    real, refusals = Path.replace, [PermissionError(13, "in use"), PermissionError(13, "in use")]
+    real = Path.replace
+    refusals = [PermissionError(13, "in use"), PermissionError(13, "in use")]
 
     def busy(temporary: Path, target: Path) -> Path:
         if refusals:
@@ -103,6 +108,7 @@ def test_files_have_the_permissions_of_the_users_umask(tmp_path: Path, umask: in
             np.savez_compressed(temporary, x=np.zeros(1))
     finally:
         os.umask(before)
+
     names = ("a.txt", "a.safetensors", "a.npz")
     assert {(tmp_path / name).stat().st_mode & 0o777 for name in names} == {0o666 & ~umask}
 
@@ -112,8 +118,10 @@ def test_text_is_the_same_on_every_system_and_read_with_or_without_a_byte_order_
 ) -> None:
     path = write_text(tmp_path / "a.txt", "ä\nb\udcfc\n")
     assert path.read_bytes() == b"\xc3\xa4\nb\\udcfc\n"
+
     path.write_bytes(b"\xef\xbb\xbf\xc3\xa4")
     assert read_text(path) == "ä"
+
     path.write_bytes("ä".encode("utf-16"))
     with pytest.raises(
         DataError, match=r"is not UTF-8 text \(byte 0xff at 0\); save it with the encoding UTF-8"
@@ -125,10 +133,12 @@ def test_pieces_are_taken_up_under_equal_settings_only(tmp_path: Path) -> None:
     resume_folder(tmp_path / "rig", "rig.json", {"seed": 1})
     (tmp_path / "rig" / "piece").write_text("whole")
     resume_folder(tmp_path / "rig", "rig.json", {"seed": 1})
+
     with pytest.raises(InputError, match="seed was 1, now 2"):
         resume_folder(tmp_path / "rig", "rig.json", {"seed": 2})
     with pytest.raises(InputError, match="not empty; choose a new folder"):
         resume_folder(tmp_path, "rig.json", {"seed": 1})
+
     (tmp_path / "rig" / "rig.json").write_text("{")
     with pytest.raises(ArtifactError, match="damaged"):
         resume_folder(tmp_path / "rig", "rig.json", {"seed": 1})
@@ -140,6 +150,7 @@ def test_a_folder_that_was_killed_while_its_manifest_was_written_is_taken_up(
     writer.kill()
     writer.wait()
     resume_folder(tmp_path, "rig.json", {"seed": 1})
+
     assert os.listdir(tmp_path) == ["rig.json"]
 
 
@@ -164,7 +175,9 @@ def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
         [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     ) as parent:
         assert parent.stdout is not None
+
         for _ in range(2):
             parent.stdout.readline()
+
         parent.kill()
         parent.communicate(timeout=20)  # until the last worker has closed the pipe

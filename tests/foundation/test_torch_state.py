@@ -23,12 +23,14 @@ def test_the_numbers_are_those_after_manual_seed_and_the_process_has_its_state()
         lambda: torch.bernoulli(torch.full((9,), 0.5)),
         lambda: nn.init.orthogonal_(torch.empty(3, 3)),
     )
+
     for draw in draws:
         torch.manual_seed(4)
         expected = draw()
         before = torch.get_rng_state()
         with TorchStream(4):
             assert torch.equal(draw(), expected)
+
         assert torch.equal(torch.get_rng_state(), before)
 
 
@@ -43,6 +45,7 @@ def test_the_dropout_of_a_gpu_keeps_the_mean_and_its_gradient_follows_the_mask()
     with TorchStream(0):
         result, mask = torch.ops.aten.native_dropout(x, 0.25, True)
         result.sum().backward()
+
     assert torch.equal(result.detach(), mask / 0.75)
     assert torch.equal(x.grad, mask / 0.75)
     assert abs(float(mask.float().mean()) - 0.75) < 0.03
@@ -54,6 +57,7 @@ def test_one_thread_concerns_the_calling_thread_only():
         with one_thread(), ThreadPoolExecutor(1) as other:
             assert torch.get_num_threads() == 1
             assert other.submit(torch.get_num_threads).result() == 2
+
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(1)

@@ -126,8 +126,10 @@ class Workspace:
             command = COMMANDS[name]
             for earlier in command.after:
                 self.answer(earlier)
+
             with contextlib.chdir(self.folder):
                 self._answers[name] = self._compared(run_json(*shlex.split(command.words)))
+
         return self._answers[name]
 
     def _compared(self, value: Any) -> Any:
@@ -140,6 +142,7 @@ class Workspace:
         if isinstance(value, list):
             return [self._compared(item) for item in value]
         is_path = isinstance(value, str) and "/" in value and Path(value).exists()
+
         return Path(value).name if is_path else value
 
 

@@ -70,4 +70,5 @@ def _equal(value: Any, golden: Any, rtol: float, atol: float) -> bool:
         and not isinstance(golden, bool)
     ):
         return math.isclose(value, golden, rel_tol=rtol, abs_tol=atol)
+
     return type(value) is type(golden) and bool(value == golden)

@@ -62,6 +62,7 @@ def spectrum() -> dict[str, Any]:
         lines = twin.acceleration().abs().numpy()[:, :LINES]
         amplitudes = dict(zip(twin.pump.channels, lines.tolist(), strict=True))
         spectra[fault] = {"orders": twin.orders[:LINES].tolist(), "amplitudes": amplitudes}
+
     return spectra
 
 
@@ -92,6 +93,7 @@ def calibration(plant: Sequence[Recording]) -> dict[str, Any]:
         nuisances=Nuisances(),
         phases=False,
     )
+
     return {estimate.name: estimate.value for estimate in calibrated.estimates}
 
 
@@ -122,6 +124,7 @@ def classifiers(plant: Sequence[Recording], folder: Path) -> dict[str, Any]:
         )
         classifier = load_classifier(path or folder / name)
         probabilities[name] = classifier.predict_proba(every_tenth(windows)).tolist()
+
     return probabilities
 
 
@@ -135,6 +138,7 @@ def extra_trees(plant: Sequence[Recording]) -> list[Any]:
     ]
     network = build_network("extra_trees", windows.n_channels, len(windows.classes), trees=20)
     trees = fit(network, windows, settings=TrainingSettings(epochs=1, normalization="none"), seed=0)
+
     return trees.predict_proba(
         every_tenth(cut_windows(others, length=2048, classes=windows.classes))
     ).tolist()

@@ -41,6 +41,7 @@ def page_text() -> str:
         parts.setdefault(
             words, f"## `{words}`\n```\n{_lines(load_golden(f'answer_{name}'), {})}\n```\n"
         )
+
     return "\n".join([_INTRODUCTION, *parts.values()])
 
 
@@ -71,6 +72,7 @@ def _lines(value: Any, shown: dict[frozenset[str], str], key: str = "", indent: 
     if len(indent) + len(text) <= 100 and "\n" not in text:
         return text
     lines = "".join(f"\n{indent}  {line}," for line in inner).removesuffix(",")
+
     return f"{{{lines}\n{indent}}}"
 
 

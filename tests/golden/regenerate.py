@@ -41,12 +41,15 @@ def regenerate(names: list[str]) -> None:
         (folder / "values").mkdir()
         (folder / "workspace").mkdir()
         workspace = Workspace(plant, folder / "workspace")
+
         for name, value in VALUES.items():
             if not names or name in names:
                 save_golden(name, value(plant, folder / "values"))
+
         for name, command in answers.items():
             if not names or name in names:
                 save_golden(name, workspace.answer(command))
+
     PAGE.write_text(page_text(), encoding="utf-8")
 
 

@@ -30,8 +30,10 @@ UNDER_TORCH = [
 
 def windows() -> WindowSet:
     """Windows at two speeds, with a line of their class at order 9 or 4."""
-    draw, time = np.random.default_rng(11), np.arange(8 * 512)
+    draw = np.random.default_rng(11)
+    time = np.arange(8 * 512)
     recordings = []
+
     for number in range(12):
         turns = 0.02 * (1 + 0.1 * (number % 2))
         signal = draw.normal(size=(2, time.size)) * [[1.0], [2.0]]
@@ -41,10 +43,12 @@ def windows() -> WindowSet:
             signal[channel] += (1 + loud) * np.cos(
                 2 * np.pi * turns * order * time + draw.uniform(0, 6)
             )
+
         condition = OperatingCondition(speed=2 * np.pi * turns * 1000, discharge_pressure=MPa(15))
         recordings.append(
             Recording(signal, 1000.0, f"r{number}", condition=condition, channels=("x", "y"))
         )
+
     return cut_windows(recordings, length=512, classes=("normal", "piston", "valve_plate"))
 
 
@@ -55,4 +59,5 @@ def test_a_saved_network_on_levels_answers_as_under_torch() -> None:
     )
     network = BandPowerNetwork(2, 3, axis="order", shape=True, turns=0.02, hidden=8).loaded(arrays)
     answer = network.probabilities(scaling.apply(windows()), windows().turns_per_sample)[::8]
+
     np.testing.assert_allclose(answer, UNDER_TORCH, rtol=0, atol=1e-6)

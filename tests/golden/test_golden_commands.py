@@ -9,7 +9,9 @@ from json_page import PAGE, page_text
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_answers_what_its_golden_file_says(name: str, workspace: Workspace) -> None:
-    command, golden = COMMANDS[name], load_golden(f"answer_{name}")
+    command = COMMANDS[name]
+    golden = load_golden(f"answer_{name}")
+
     assert (
         list(differences(workspace.answer(name), golden, rtol=command.rtol, atol=command.atol))
         == []

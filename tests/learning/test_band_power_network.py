@@ -19,6 +19,7 @@ def signal(turns: float = 0.01, seed: int = 0) -> np.ndarray:
         np.sin(2 * np.pi * order * turns * time + draw.uniform(0, 6, (3, 2, 1)))
         for order in (1, 9, 18)
     ]
+
     return (sum(lines) + 0.1 * draw.normal(size=(3, 2, LENGTH))).astype(np.float32)
 
 
@@ -26,6 +27,7 @@ def signal(turns: float = 0.01, seed: int = 0) -> np.ndarray:
 def test_a_gain_moves_levels_by_their_gain_response(orders: bool) -> None:
     turns = np.full(3, 0.01) if orders else None
     moved = window_features(10 * signal(), turns) - window_features(signal(), turns)
+
     np.testing.assert_allclose(
         moved, np.broadcast_to(gain_response(orders), moved.shape), atol=0.02
     )
@@ -34,11 +36,14 @@ def test_a_gain_moves_levels_by_their_gain_response(orders: bool) -> None:
 def test_levels_at_orders_stay_where_the_shaft_turns_faster() -> None:
     slow, fast = (window_features(signal(turns), np.full(3, turns)) for turns in (0.012, 0.015))
     orders = slice(5, 25)
+
     assert np.median(np.abs(slow - fast)[..., orders]) < 0.15
+
     loudest = [
         np.sort(features[..., orders].mean(axis=(0, 1)).argsort()[-3:]).tolist()
         for features in (slow, fast)
     ]
+
     assert loudest == [[0, 8, 17], [0, 8, 17]]
 
 
@@ -54,6 +59,7 @@ def test_shapes_do_not_change_with_the_gain_of_a_channel() -> None:
     louder = signal() * np.array([10.0, 0.1], dtype=np.float32)[:, None]
     turns = np.full(3, np.nan)
     quiet = network.represent_at(signal(), turns)
+
     np.testing.assert_allclose(network.represent_at(louder, turns), quiet, atol=0.02)
 
 
@@ -74,6 +80,7 @@ def test_the_discriminant_is_scikit_learns_with_the_shrinkage_of_ledoit_and_wolf
         scaled, target
     )
     expected = network.log_probabilities(features)["discriminant"]
+
     assert np.abs(peer.predict_proba(scaled) - np.exp(expected)).max() < 0.05
 
 
@@ -90,6 +97,7 @@ def test_the_network_answers_the_mean_probability_of_its_heads() -> None:
     mean = np.mean(
         [np.exp(values) for values in network.log_probabilities(features).values()], axis=0
     )
+
     np.testing.assert_allclose(network.probabilities(signal(), np.full(3, np.nan)), mean, atol=1e-6)
 
 
@@ -102,7 +110,9 @@ def test_the_mean_gradient_times_the_levels_is_the_change_of_the_margin(
     network.solve(features, np.arange(60) % 3, 0)
     encoded = network.encode(features)
     gradient, change = network.mean_gradient(encoded, 0, 2, 500)
-    scores, at_mean = network.scores(features), network.scores(network.weights["mean"][None])
+    scores = network.scores(features)
+    at_mean = network.scores(network.weights["mean"][None])
+
     np.testing.assert_allclose(
         change, (scores - at_mean)[:, 0] - (scores - at_mean)[:, 2], rtol=1e-3, atol=1e-3
     )

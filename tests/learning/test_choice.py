@@ -30,6 +30,7 @@ def recordings(
                     label=label, specimen="ABCD"[number % 4],
                 )
             )  # fmt: skip
+
     return measured
 
 
@@ -45,6 +46,7 @@ def fitted():
 def test_of_candidates_that_are_as_good_the_most_invariant_is_chosen(fitted) -> None:
     choice = fitted.choice
     tied = [trial.candidate for trial in choice.trials if trial.is_tied]
+
     assert len(tied) > 1
     assert choice.candidate == tied[0]
     assert choice.candidate == "band_shapes"
@@ -69,7 +71,9 @@ def test_the_same_seed_chooses_and_trains_the_same(fitted) -> None:
 def test_folds_fall_back_to_recordings_and_too_few_have_no_trial() -> None:
     unnamed = windows()
     unnamed = replace(unnamed, specimen=np.full(len(unnamed), ""))
+
     assert choose_candidate(unnamed)[1].group == "recording"
+
     single = fit_best_candidate(windows(per_class=1))
     assert single.choice.trials == ()
     assert single.confidence is None
@@ -91,6 +95,7 @@ def test_classes_in_turn_are_trained_without_a_confidence_where_no_recording_can
         for number, recording in enumerate(recordings(per_class=10))
     ]
     few = fit_best_candidate(cut_windows(measured, length=LENGTH))
+
     assert few.choice.trials
     assert few.confidence is None
 
@@ -98,6 +103,7 @@ def test_classes_in_turn_are_trained_without_a_confidence_where_no_recording_can
 def test_a_sample_that_is_far_too_large_is_refused_by_name() -> None:
     broken = windows()
     broken.signal[5, 1, 7] = -1e20
+
     with pytest.raises(DataError, match=r"normal 1: samples reach 1e\+20"):
         fit_best_candidate(broken)
 
@@ -110,11 +116,14 @@ def test_no_fold_trains_on_what_was_made_from_its_windows() -> None:
     )
     is_tested = measured.specimen == "A"
     _, choice, answers = choose_candidate(measured + copies)
+
     assert choice.n_windows == len(answers.target) == len(measured), (
         "no synthetic window is tested on"
     )
+
     views = _Views(measured, copies, seed=0)
     rows = _training_rows(views, np.flatnonzero(~is_tested), np.flatnonzero(is_tested))
+
     assert set(views.windows.specimen[rows]) == {
         *"BCD",
         *(f"duplicates of {name}" for name in "BCD"),
@@ -129,5 +138,6 @@ def test_what_cannot_be_trained_is_refused_before_any_trial() -> None:
         match=r"needs 99 .*there are 80\. Use more recordings, or an error rate of 0\.048",
     ):  # 20 of each machine
         fit_best_candidate(windows(per_class=40), error_rate=0.01)
+
     with pytest.raises(InputError, match="without a trial there is none"):
         fit_best_candidate(windows(per_class=1), error_rate=0.4)

@@ -49,6 +49,7 @@ def recording(name: str, label: str, noise: float = 0.3) -> Recording:
         2 * np.pi * CYCLES[label] * np.arange(320) + draw.uniform(0, 6)
     ) + noise * draw.normal(size=320)
     condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+
     return Recording(signal[None], 1000.0, name, label=label, condition=condition)
 
 
@@ -90,9 +91,12 @@ def test_a_set_is_never_empty_and_grows_as_less_error_is_allowed() -> None:
     three = np.arange(39) % 3
     predictor = confidence(np.full(39, 1e-6), target=three)
     doubtful = np.array([[0.4, 0.35, 0.25]])
+
     assert predictor.prediction_set(doubtful, 1).tolist() == [[True, False, False]]
+
     predictor = confidence(np.linspace(0, 3, 39), target=three)
     sizes = [predictor.prediction_set(doubtful, 1, rate).sum() for rate in (0.6, 0.3, 0.05)]
+
     assert sizes == sorted(sizes)
     assert sizes[-1] == 3
 
@@ -102,6 +106,7 @@ def test_the_temperature_changes_no_verdict_and_no_certainty_comes_of_few_record
 ) -> None:
     answers = predict_recordings(taught, windows(several("test", 5)))
     soft = taught.confidence.temperature_scaled(answers.probability, answers.n_windows)
+
     np.testing.assert_array_equal(soft.argmax(axis=1), answers.probability.argmax(axis=1))
     np.testing.assert_allclose(soft.sum(axis=1), 1)
     assert (
@@ -125,6 +130,7 @@ def correlated(
     )
     piston = 1 / (1 + np.exp(-2 * 0.8 * value.ravel()))
     names = np.repeat([f"recording {index:04}" for index in range(count)], n_windows)
+
     return np.column_stack([1 - piston, piston]), names, np.repeat(target, n_windows)
 
 
@@ -135,6 +141,7 @@ def test_temperature_and_dependence_are_those_that_windows_were_drawn_with(
     probability, names, target = correlated(300, dependence, np.random.default_rng(0))
     too_sure = temperature_scaled(probability, 1 / temperature)
     result = cross_fitted_confidence(too_sure, names, target, np.zeros(300))
+
     assert result.temperature == pytest.approx(temperature, rel=0.15)
     assert result.dependence == pytest.approx(
         dependence, abs=0.12
@@ -146,7 +153,9 @@ def test_temperature_and_dependence_are_those_that_windows_were_drawn_with(
 def test_windows_that_nobody_saw_together_count_as_a_single_window() -> None:
     probability, names, target = correlated(100, 0.0, np.random.default_rng(0), n_windows=1)
     result = cross_fitted_confidence(probability, names, target, np.zeros(100))
+
     assert result.dependence == 1
+
     pooled = pooled_probabilities(np.tile(probability[:1], (8, 1)), result)
     np.testing.assert_allclose(pooled, pooled_probabilities(probability[:1], result))
 
@@ -156,12 +165,15 @@ def test_probabilities_and_sets_hold_from_a_single_window_to_a_whole_recording()
     predictor = cross_fitted_confidence(*correlated(300, 0.2, draw), draw.normal(size=300))
     probability, _, target = correlated(600, 0.2, draw)
     windows, target = probability.reshape(600, 16, 2), target[::16]
+
     for count in (1, 3, 16):
         pooled = np.stack([pooled_probabilities(part[:count]) for part in windows])
         calibrated = predictor.temperature_scaled(pooled, count)
+
         assert calibrated.max(axis=1).mean() == pytest.approx(
             np.mean(pooled.argmax(axis=1) == target), abs=0.03
         )
+
         covered = predictor.prediction_set(pooled, count)[np.arange(600), target]
         assert 0.86 < covered.mean() < 0.96
 
@@ -170,6 +182,7 @@ def test_each_class_with_recordings_enough_has_its_rate_and_scarce_ones_share_th
     target = np.repeat([0, 1, 2, 3], [30, 12, 5, 3])
     scores = np.linspace(0, 1, 50)
     predictor = confidence(scores, target=target)
+
     assert predictor.class_groups(4).tolist() == [
         0,
         -1,
@@ -178,9 +191,12 @@ def test_each_class_with_recordings_enough_has_its_rate_and_scarce_ones_share_th
     ]  # 5 and 3 are too few together, so 12 join them
     assert predictor.class_groups(4, 0.15).tolist() == [0, 1, -1, -1]
     assert predictor.class_groups(5, 0.25).tolist() == [0, 1, 2, -1, -1]
+
     probability = np.array([[0.9, 0.04, 0.03, 0.03]])
     expected = (1 + np.count_nonzero(scores[30:] >= -np.log(0.04))) / 21
+
     np.testing.assert_allclose(predictor.plausibility(probability, 1)[0, 1], expected)
+
     alone = (1 + np.count_nonzero(scores[:30] >= -np.log(0.9))) / 31
     np.testing.assert_allclose(predictor.plausibility(probability, 1)[0, 0], alone)
 
@@ -191,6 +207,7 @@ def test_few_training_recordings_give_the_least_error_rate_that_they_allow(
 ) -> None:
     answers = correlated(count, 0.5, np.random.default_rng(0), n_windows=3)
     predictor = cross_fitted_confidence(*answers, np.zeros(count))
+
     assert predictor.error_rate == rate
     assert predictor.basis == f"{count} training recordings answered by models trained without them"
     with pytest.raises(
@@ -201,25 +218,31 @@ def test_few_training_recordings_give_the_least_error_rate_that_they_allow(
 
 def test_twenty_training_recordings_answered_out_of_fold_keep_the_rate() -> None:
     draw = np.random.default_rng(0)
-    means, covered = draw.normal(size=(3, 4)), []
+    means = draw.normal(size=(3, 4))
+    covered = []
+
     for _ in range(25):
         target = np.arange(80) % 3
         values = (
             means[target][:, None] + draw.normal(size=(80, 1, 4)) + draw.normal(size=(80, 6, 4))
         )
-        rows, classes = values[:20].reshape(120, 4), np.repeat(target[:20], 6)
+        rows = values[:20].reshape(120, 4)
+        classes = np.repeat(target[:20], 6)
         names = np.repeat(np.arange(20), 6)
         out_of_fold = np.zeros((120, 3))
+
         for fold in range(5):
             tested = names // 3 % 5 == fold
             model = LinearDiscriminantAnalysis().fit(rows[~tested], classes[~tested])
             out_of_fold[tested] = model.predict_proba(rows[tested])
+
         predictor = cross_fitted_confidence(out_of_fold, names, classes, draw.normal(size=20))
         model = LinearDiscriminantAnalysis().fit(rows, classes)
         pooled = np.stack(
             [pooled_probabilities(model.predict_proba(windows)) for windows in values[20:]]
         )
         covered.append(predictor.prediction_set(pooled, 6)[np.arange(60), target[20:]].mean())
+
     assert 0.88 < np.mean(covered) < 0.97
 
 
@@ -229,6 +252,7 @@ def test_out_of_fold_answers_that_do_not_fit_or_are_not_finite_are_refused() -> 
         InputError, match=r"30, 30 and 30 windows of 10 recordings, ood_score has 30"
     ):
         cross_fitted_confidence(probability, names, target, np.zeros(30))
+
     probability[4] = np.nan
     with pytest.raises(DataError, match="recording 0001: its out-of-fold answer is not finite"):
         cross_fitted_confidence(probability, names, target, np.zeros(10))
@@ -244,15 +268,19 @@ def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(
     else:
         answer = taught
     result = score_confidence(answer, windows(several("test", 10)))
+
     assert result.accuracy == 1
     assert result.coverage >= 0.8
     assert result.set_size == 1
     assert result.called_unknown <= 0.3
-    known, strange = several("test", 10), several("test", 20, ("howl",))
+
+    known = several("test", 10)
+    strange = several("test", 20, ("howl",))
     scores = predict_recordings(
         answer, windows([item.replace(label=None) for item in known + strange])
     ).ood_score
     is_strange = ["howl" in name for name in sorted(item.recording_id for item in known + strange)]
+
     assert roc_auc_score(is_strange, scores) > 0.95
 
 
@@ -262,6 +290,7 @@ def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedCl
     assert known.verdict == "piston"
     assert known.score <= known.threshold
     assert "all other classes are excluded at an error rate of 10 %" in known.sentence()
+
     strange = diagnose(taught, recording("new howl", "howl").replace(label=None))
     assert strange.unknown
     assert strange.score > strange.threshold
@@ -281,9 +310,11 @@ def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(
     for classifier in (taught, bare):
         loaded = load_classifier(save_classifier(classifier, tmp_path / "a.safetensors"))
         assert diagnose(loaded, piston).to_dict() == diagnose(classifier, piston).to_dict()
+
     loaded = load_classifier(
         save_classifier(replace(bare, training_reference=None), tmp_path / "b.safetensors")
     )
+
     assert loaded.training_reference is None
     assert diagnose(loaded, piston).error_rate is None
     with pytest.raises(DataError, match="Train it with measured recordings"):
@@ -304,6 +335,7 @@ def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taugh
         match=r"0\.1 needs 9 validation .* there are 8\. Use more recordings, or an error rate of 0\.112",
     ):
         learn_confidence(bare, windows(several("validation", 4)))
+
     with pytest.raises(InputError, match=r"0\.01 needs 99 .*there are 20"):
         diagnose(taught, recording("new", "normal"), error_rate=0.01)
     with pytest.raises(InputError, match="between 0 and 1"):
@@ -318,7 +350,9 @@ def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> No
     train = windows(several("train", 4))
     monkeypatch.setattr("swashtwin.learning.training.training_reference.MAX_RECORDINGS", 5)
     few = build_reference(train, reference_features(train))
+
     assert len(few.recording_id) == len(few.label) == len(few.features) == 5
+
     synthetic = replace(train, synthetic=np.ones(len(train), dtype=bool))
     assert build_reference(synthetic, reference_features(synthetic)) is None
     assert bare.training_reference.distances(bare.training_reference.features[2]).argmin() == 2
@@ -328,6 +362,7 @@ def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> No
 def test_the_shrunk_covariance_is_that_of_scikit_learn(shape) -> None:
     rows = np.random.default_rng(0).normal(size=shape) * np.arange(1, shape[1] + 1)
     expected = LedoitWolf().fit(rows).covariance_
+
     np.testing.assert_allclose(
         shrunk_covariance(rows), expected, rtol=1e-12, atol=1e-12 * expected.max()
     )
@@ -351,15 +386,20 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     )
     options = ("--validation-fraction", 0.5, "--out", tmp_path / "m.safetensors", *shape)
     answer = run_json("train", folder, *options)
+
     assert not set(answer["validation"]) & set(answer["held_out"])
     assert answer["temperature"] > 0
+
     scored = run_json("evaluate", answer["model"], folder)["confidence"]
     assert scored["n_recordings"] == len(answer["held_out"])
+
     (diagnosis,) = run_json("diagnose", answer["model"], files[0], "--error-rate", 0.2)["diagnoses"]
     assert diagnosis["error_rate"] == 0.2
+
     shown = run("diagnose", answer["model"], *files[:2], "--report", tmp_path / "page").stdout
     assert "prediction set" in shown
     assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
+
     fewer = (
         "--validation-fraction",
         0.3,
@@ -370,6 +410,7 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
         *shape,
     )
     said = run("train", folder, *fewer, "--set", "epochs=1").stderr
+
     assert "An error rate of 0.1 needs 9 validation recordings, and a share of 0.3 is about" in said
     assert "are held out for it; they allow an error rate of 0.1" in said
 

@@ -36,17 +36,18 @@ def test_train_save_evaluate_diagnose_explain_and_detect_import_neither_torch_no
 ) -> None:
     recordings = []
     for number in range(12):
-        name, label = (
-            f"{number} {'new' if number >= 8 else 'old'}",
-            ("normal", "piston")[number % 2],
-        )
-        draw, time = np.random.default_rng(number), np.arange(8192) / 8192
+        name = f"{number} {'new' if number >= 8 else 'old'}"
+        label = ("normal", "piston")[number % 2]
+        draw = np.random.default_rng(number)
+        time = np.arange(8192) / 8192
         signal = draw.normal(size=(1, time.size)) + (number % 2) * np.sin(2 * np.pi * 300 * time)
         condition = OperatingCondition(speed=2 * np.pi * 20, discharge_pressure=15e6)
         recordings.append(Recording(signal, 8192.0, name, label=label, condition=condition))
+
     write_store(recordings, tmp_path / "set.h5")
     command = [sys.executable, "-c", CODE, str(tmp_path)]
     answer = subprocess.run(command, capture_output=True, text=True, check=False)
+
     assert answer.stdout.endswith("imported: []\n"), answer.stderr
 
 
@@ -58,4 +59,5 @@ def test_a_network_of_torch_names_the_extra_that_installs_it() -> None:
     expected = (
         'the network bitcn needs torch, which is not installed: pip install "swashtwin[networks]".'
     )
+
     assert error.splitlines()[-1].endswith(expected)

@@ -65,6 +65,7 @@ def test_scores_of_a_confusion_worked_by_hand():
     target = [0] * 4 + [1] * 4 + [2] * 2
     predicted = [0, 0, 0, 1, 1, 1, 0, 0, 2, 2]
     scores = evaluate(Oracle(sure(predicted)), measured(target), split="L2")
+
     assert scores.confusion.tolist() == [[3, 1, 0], [2, 2, 0], [0, 0, 2]]
     assert scores.accuracy == pytest.approx(0.7)
     assert dict(scores.recall) == {"normal": 0.75, "swash_plate": 0.5, "piston": 1.0}
@@ -86,12 +87,16 @@ def test_the_g_mean_is_imbalanced_learns_and_the_macro_recall_scikit_learns(pair
     assume(len(set(target)) > 1 and set(target) >= set(predicted))
     order = {label: index for index, label in enumerate(sorted(set(target.tolist())))}
     confusion = np.zeros((len(order), len(order)), dtype=np.int64)
+
     for actual, answer in pairs:
         confusion[order[actual], order[answer]] += 1
+
     expected = geometric_mean_score(target, predicted, average="multiclass", correction=0.0)
     assert g_mean(confusion) == pytest.approx(expected)
+
     classes = tuple(f"class {index}" for index in range(4))
     scores = evaluate(Oracle(sure(predicted, 4), classes), measured(target, classes=classes))
+
     assert scores.macro_recall == pytest.approx(balanced_accuracy_score(target, predicted))
 
 
@@ -117,6 +122,7 @@ def test_rates_that_the_test_set_cannot_give_are_nan_with_a_reason():
     assert math.isnan(only_normal.missed_fault_rate)
     assert only_normal.reasons["missed_fault_rate"] == "no faulty test window"
     assert only_normal.reasons["macro_auroc"] == "every test window is of one class"
+
     unnamed = evaluate(Oracle(sure([0, 1], 2), ("a", "b")), measured([0, 1], classes=("a", "b")))
     assert unnamed.reasons["false_alarm_rate"] == "no healthy class, so no false-alarm rate"
     assert unnamed.reasons["missed_fault_rate"] == "no healthy class, so no missed-fault rate"
@@ -127,6 +133,7 @@ def test_false_alarms_of_two_healthy_classes_are_faults_alone():
     scores = evaluate(
         Oracle(sure([0, 1, 0, 2, 1]), classes), measured([0, 0, 1, 1, 2], classes=classes)
     )
+
     assert (scores.false_alarm_rate, scores.missed_fault_rate) == (0.25, 1)
 
 
@@ -134,7 +141,8 @@ def test_false_alarms_of_two_healthy_classes_are_faults_alone():
 @given(st.permutations(range(3)), st.permutations(range(3)), st.integers(0, 2**20))
 def test_scores_do_not_depend_on_the_order_of_the_classes(classifier_order, test_order, seed):
     draw = np.random.default_rng(seed)
-    target, recording = draw.integers(0, 3, 30), draw.integers(0, 4, 30)
+    target = draw.integers(0, 3, 30)
+    recording = draw.integers(0, 4, 30)
     recording = 4 * target + recording
     answers = draw.dirichlet(np.ones(3), 30)
     plain = evaluate(Oracle(answers), measured(target, recording))
@@ -143,11 +151,13 @@ def test_scores_do_not_depend_on_the_order_of_the_classes(classifier_order, test
         Oracle(answers[:, classifier_order], tuple(names[classifier_order].tolist())),
         measured(np.argsort(test_order)[target], recording, tuple(names[test_order].tolist())),
     )
+
     for name, value in plain.to_dict().items():
         if name not in ("classes", "recall", "confusion", "cells"):
             assert shuffled.to_dict()[name] == (
                 pytest.approx(value) if isinstance(value, float | list) else value
             )
+
     assert dict(shuffled.recall) == pytest.approx(dict(plain.recall), nan_ok=True)
     assert (
         shuffled.confusion.tolist()
@@ -160,8 +170,10 @@ def test_a_recording_is_decided_by_the_mean_log_probability_of_its_windows():
     # logarithm does not
     answers = np.array([[0.4, 0.5, 0.1], [0.4, 0.5, 0.1], [0.97, 0.01, 0.02]])
     scores = evaluate(Oracle(answers), measured([0, 0, 0]))
+
     assert scores.accuracy == pytest.approx(1 / 3)
     assert scores.recording_accuracy == 1
+
     expected = np.prod(answers, axis=0) ** (1 / 3)
     np.testing.assert_allclose(pooled_probabilities(answers), expected / expected.sum())
     assert np.isfinite(pooled_probabilities(np.array([[1.0, 0.0]]))).all()
@@ -172,6 +184,7 @@ def test_each_cell_of_class_and_pressure_has_its_recall():
         Oracle(sure([1, 1, 0, 1, 0])),
         measured([1, 1, 1, 1, 0], range(5), pressure=[5e6, 5e6, 15e6, 15e6, np.nan]),
     )
+
     assert [
         (cell.label, cell.discharge_pressure, cell.n_windows, cell.recall) for cell in scores.cells
     ] == [
@@ -185,7 +198,9 @@ def test_the_interval_rests_on_recordings_and_not_on_windows():
     right = np.repeat([True, True, True, False], 50)
     by_recording = accuracy_interval(right, np.repeat(np.arange(4), 50))
     by_window = accuracy_interval(right, np.arange(200))
+
     assert by_recording == (0.25, 1.0)
+
     low, high = accuracy_interval(np.ones(60, dtype=bool), np.repeat(np.arange(20), 3))
     assert (round(low, 3), high) == (0.839, 1.0), (
         "20 recordings without an error may come from a share of 84 %"

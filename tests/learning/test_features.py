@@ -24,6 +24,7 @@ RATE = 1000.0
 def test_the_statistics_of_a_sine_are_the_textbooks():
     sine = 3 * np.sin(2 * np.pi * 8 * np.arange(4096) / 4096)[None]
     value = dict(zip(TIME_STATISTICS, time_statistics(sine)[0], strict=True))
+
     assert value["mean"] == pytest.approx(0, abs=1e-12)
     assert value["rms"] == pytest.approx(3 / np.sqrt(2))
     assert value["peak"] == pytest.approx(3)
@@ -37,6 +38,7 @@ def test_the_statistics_of_a_sine_are_the_textbooks():
 def test_skewness_and_kurtosis_are_scipys():
     signal = np.random.default_rng(0).gamma(2.0, size=(5, 400))
     value = dict(zip(TIME_STATISTICS, time_statistics(signal).T, strict=True))
+
     np.testing.assert_allclose(value["skewness"], stats.skew(signal, axis=1))
     np.testing.assert_allclose(value["kurtosis"], stats.kurtosis(signal, axis=1, fisher=False))
 
@@ -52,6 +54,7 @@ def test_a_tone_fills_the_band_around_it_and_twice_the_amplitude_gives_four_time
     time = np.arange(1024) / RATE
     energies = [band_energies(gain * np.sin(2 * np.pi * 100 * time)[None])[0] for gain in (1, 2)]
     edges = np.geomspace(0.5, 512.5, 33) * RATE / 1024
+
     assert edges[energies[0].argmax()] < 100 < edges[energies[0].argmax() + 1]
     np.testing.assert_allclose(energies[1] - energies[0], np.log10(4), atol=1e-6)
 
@@ -64,6 +67,7 @@ def test_the_envelope_spectrum_shows_the_modulation_that_the_spectrum_hides():
     )
     edges = np.geomspace(0.5, 2048.5, 33)
     band = int(np.searchsorted(edges, 20) - 1)
+
     assert (
         value[f"acceleration envelope spectrum band {band}"]
         > value[f"acceleration spectrum band {band}"] + 3
@@ -94,10 +98,12 @@ def tree_windows(seed: int = 0) -> WindowSet:
 
 
 def test_the_trees_answer_as_those_of_scikit_learn() -> None:
-    train, test = tree_windows(), tree_windows(1)
+    train = tree_windows()
+    test = tree_windows(1)
     peer = ExtraTreesClassifier(20, random_state=derive_seed(3, "extra trees") % 2**32)
     peer.fit(feature_values(train.signal), train.target)
     answer = fit_trees(train, 20, seed=3).predict_proba(test)
+
     np.testing.assert_allclose(answer, peer.predict_proba(feature_values(test.signal)), atol=1e-7)
 
 
@@ -107,5 +113,6 @@ def test_nodes_that_lead_nowhere_or_back_or_compare_what_is_not_there_are_refuse
     for name, value in (("left", 10**6), ("left", inner), ("column", 164)):
         changed = {**weights, name: weights[name].copy()}
         changed[name][inner] = value
+
         with pytest.raises(ValueError, match="its trees"):
             build_network("extra_trees", 2, 3, trees=2).loaded(changed)

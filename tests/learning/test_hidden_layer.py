@@ -55,13 +55,16 @@ def test_the_gradient_of_each_weight_is_that_of_finite_differences(name: str) ->
             moved = {key: value.copy() for key, value in weights.items()}
             moved[name][entry] += sign * step
             losses.append(cross_entropy(moved, x, is_kept, target, window_weight))
+
         expected[entry] = (losses[0] - losses[1]) / (2 * step)
+
     np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-8)
 
 
 def test_a_unit_has_mean_0_and_deviation_1_before_gain_and_shift() -> None:
     rng = np.random.default_rng(0)
     normalized = forward(draw_weights(rng), rng.normal(size=(N_WINDOWS, 4))).normalized
+
     np.testing.assert_allclose(normalized.mean(axis=0), 0, atol=1e-12)
     np.testing.assert_allclose(normalized.std(axis=0), 1, rtol=1e-4)
 
@@ -73,6 +76,7 @@ def test_a_dropped_unit_adds_nothing_and_the_others_are_scaled_up() -> None:
     is_kept = np.arange(5) != 2
     whole = forward(weights, x).active
     dropped = forward(weights, x, is_kept, 0.8).active
+
     np.testing.assert_allclose(dropped, whole * is_kept / 0.8)
 
 
@@ -81,6 +85,7 @@ def test_networks_along_a_leading_axis_are_as_if_alone() -> None:
     weights = draw_weights(rng, networks=(2,))
     x = rng.normal(size=(2, N_WINDOWS, 4))
     together = forward(weights, x).scores
+
     for index in range(2):
         alone = forward({name: value[index] for name, value in weights.items()}, x[index]).scores
         np.testing.assert_allclose(together[index], alone)
@@ -93,12 +98,14 @@ def test_adam_takes_the_steps_of_torch() -> None:
     parameter = torch.nn.Parameter(torch.from_numpy(start.copy()))
     expected = torch.optim.Adam([parameter])
     optimizer = Adam(weights)
+
     for rate in (1e-2, 5e-3, 1e-3):
         gradient = rng.normal(size=start.shape).astype(np.float32)
         parameter.grad = torch.from_numpy(gradient.copy())
         expected.param_groups[0]["lr"] = rate
         expected.step()
         optimizer.update({"first": gradient}, rate)
+
     np.testing.assert_allclose(weights["first"], parameter.detach().numpy(), rtol=1e-5)
 
 
@@ -112,6 +119,7 @@ def test_the_hidden_layer_learns_what_only_two_features_together_tell() -> None:
     ]
     hidden = np.maximum(features @ weights[0]["hidden"].T + weights[0]["hidden.bias"], 0)
     scores = hidden @ weights[0]["output"].T + weights[0]["output.bias"]
+
     assert (scores.argmax(axis=1) == target).mean() > 0.9
     np.testing.assert_array_equal(weights[0]["hidden"], weights[1]["hidden"])
     assert not np.array_equal(weights[0]["hidden"], weights[2]["hidden"])

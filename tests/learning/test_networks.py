@@ -37,10 +37,12 @@ def test_every_weight_has_a_part_in_the_scores():
         drawn(
             torch.randn(8, 2, 128, generator=torch.Generator().manual_seed(seed))
         ).square().sum().backward()
+
         for weight, drawn_weight in zip(network.parameters(), drawn.parameters(), strict=True):
             weight.grad = (
                 drawn_weight.grad if weight.grad is None else weight.grad + drawn_weight.grad
             )
+
     idle = [key for key, weight in network.named_parameters() if not weight.grad.any()]
     assert idle == []
 
@@ -81,6 +83,7 @@ def test_the_positive_units_see_no_later_reading_and_reach_as_far_back_as_the_re
         branch.units
     ):  # squeeze-and-excitation looks at the whole window; without it each unit is causal
         unit.attention = torch.nn.Identity()
+
     awake(branch)
     windows = torch.rand(1, 1, 256, requires_grad=True)
     steps = branch(windows)
@@ -88,6 +91,7 @@ def test_the_positive_units_see_no_later_reading_and_reach_as_far_back_as_the_re
     steps[0, :, step].sum().backward()
     seen = windows.grad[0, 0].nonzero().flatten()
     last = (step + 1) * stride - 1
+
     assert seen.max() == last
     assert seen.min() == last - network.receptive_field + 1
 
@@ -97,6 +101,7 @@ def test_swapping_the_branches_reads_the_reversed_window():
     windows = torch.randn(4, 2, 200)
     scores = network(windows)
     network.positive, network.inverse = network.inverse, network.positive
+
     torch.testing.assert_close(network(windows.flip(-1)), scores, rtol=1e-4, atol=1e-5)
     assert not torch.allclose(network(windows), scores, rtol=1e-3)
 
@@ -104,7 +109,9 @@ def test_swapping_the_branches_reads_the_reversed_window():
 def test_a_stride_cuts_the_steps_and_keeps_every_reading():
     network = BiTCN(1, 2, stride=8).eval()
     windows = torch.randn(1, 1, 101, requires_grad=True)
+
     assert network.positive(torch.zeros(1, 1, 104)).shape[-1] == 13
+
     network(windows).sum().backward()
     assert windows.grad.ne(0).all()
 
@@ -164,10 +171,9 @@ def test_fused_loss_gradients_and_running_means_are_as_exact_as_those_of_the_pla
     network = BiTCN(3, 5, dropout=0.0, **settings)
     fused = step(network, windows())
     monkeypatch.setattr(bitcn, "can_fuse", lambda x: False)
-    plain, exact = (
-        step(network, windows()),
-        step(copy.deepcopy(network).double(), windows().double()),
-    )
+    plain = step(network, windows())
+    exact = step(copy.deepcopy(network).double(), windows().double())
+
     assert fused[0] == pytest.approx(exact[0], rel=1e-6)
     assert distance(fused[1], exact[1]) < max(1e-4, 3 * distance(plain[1], exact[1]))
     assert distance(fused[2], exact[2]) < 1e-5
@@ -175,7 +181,8 @@ def test_fused_loss_gradients_and_running_means_are_as_exact_as_those_of_the_pla
 
 def test_dropout_has_the_gradients_of_the_layers_with_the_same_mask():
     torch.manual_seed(0)
-    x, weights = torch.randn(4, 50, 8), torch.randn(4, 50, 8)
+    x = torch.randn(4, 50, 8)
+    weights = torch.randn(4, 50, 8)
     of_mean = torch.randn(4, 8)
     normalization = torch.nn.BatchNorm1d(8)
     with torch.no_grad():
@@ -202,8 +209,10 @@ def test_dropout_has_the_gradients_of_the_layers_with_the_same_mask():
         (expected, expected.mean(dim=1), *gradients),
         strict=True,
     )
+
     for first, other in pairs:
         torch.testing.assert_close(first, other, rtol=1e-4, atol=1e-4)
+
     assert actual[1].abs().max() < 1e-2  # normalization takes the convolution's bias away
 
 
@@ -215,19 +224,23 @@ def dropped(share: float) -> np.ndarray:
     active, _ = _Activation.apply(
         x, torch.zeros(64), normalization.weight, normalization.bias, normalization, share
     )
+
     return (active == 0).numpy()
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5])
 def test_dropout_takes_the_share_that_it_is_told_independently_of_place_and_call(share):
     torch.manual_seed(3)
-    first, second = dropped(share), dropped(share)
+    first = dropped(share)
+    second = dropped(share)
     spread = (share * (1 - share) / first.size) ** 0.5
+
     assert first.mean() == pytest.approx(share, abs=5 * spread)
     assert (
         np.abs(first.mean(axis=(0, 1)) - share).max()
         <= 5 * (share * (1 - share) / first[..., 0].size) ** 0.5
     )
+
     for left, right in [
         (first, second),
         (first[:-1], first[1:]),
@@ -245,11 +258,13 @@ def test_the_same_random_state_drops_the_same():
     torch.manual_seed(7)
     first = dropped(0.1)
     torch.manual_seed(7)
+
     assert (dropped(0.1) == first).all()
 
 
 def test_windows_of_64_and_16_bits_take_the_plain_layers():
     assert bitcn.can_fuse(windows())
     assert not bitcn.can_fuse(windows().double())
+
     with torch.autocast("cpu", torch.bfloat16):
         assert not bitcn.can_fuse(windows())

@@ -16,7 +16,9 @@ from swashtwin.learning.recordings.stretches import join_windows, recording_rows
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
-RATE, SHAFT, SAMPLES = 4096.0, 16.0, 8192
+RATE = 4096.0
+SHAFT = 16.0
+SAMPLES = 8192
 LAYOUT = RecordingBandLayout(RATE, SAMPLES, 40)
 FIRST_LINE = 24
 
@@ -30,6 +32,7 @@ def signal(
         a * np.sin(2 * np.pi * k * shaft * time + draw.uniform(0, 6))
         for k, a in (lines or {}).items()
     ]
+
     return (
         0.1 * draw.normal(size=(2, samples)) + np.sum(tones, axis=0)
         if tones
@@ -49,6 +52,7 @@ def test_a_line_reads_its_mean_square_at_any_length_and_where_the_stated_speed_i
 def test_no_gain_changes_shapes_or_envelopes(n_orders: int) -> None:
     layout = RecordingBandLayout(RATE, SAMPLES, n_orders)
     quiet, loud = (layout.measure(gain * signal(1), SHAFT) for gain in (1.0, 10.0))
+
     np.testing.assert_allclose(
         loud[:, : layout.n_scaled] - quiet[:, : layout.n_scaled], 20, atol=1e-3
     )
@@ -63,18 +67,22 @@ def test_windows_are_put_together_to_the_recording_they_were_cut_from(stride: in
         [Recording(whole, RATE, "a", channels=("x", "y"))], length=1000, stride=stride
     )
     (stretch,) = join_windows(windows, recording_rows(windows)[0])
+
     np.testing.assert_array_equal(stretch, whole[:, : stretch.shape[1]].astype(np.float32))
+
     first, second = join_windows(
         windows.subset(windows.start != 2000)
         if stride == 1000
         else windows.subset(np.array([0, 5])),
         np.r_[0, 1] if stride == 400 else np.arange(4),
     )
+
     assert first.shape[1] + second.shape[1] == (4000 if stride == 1000 else 2000)
 
 
 def test_changes_know_machine_and_point_but_never_the_recording_itself() -> None:
-    draw, shape = np.random.default_rng(3), (2, LAYOUT.n_band_powers)
+    draw = np.random.default_rng(3)
+    shape = (2, LAYOUT.n_band_powers)
     of_point = {5e6: np.zeros(shape), 15e6: draw.normal(size=shape)}
     of_machine = {name: draw.normal(size=shape) for name in "ABC"}
     keys = [
@@ -84,16 +92,22 @@ def test_changes_know_machine_and_point_but_never_the_recording_itself() -> None
         [of_machine[name] + of_point[pressure] for name, pressure, _ in keys]
     ).astype(np.float32)
     condition = np.array([(90.0, pressure) for _, pressure, _ in keys])
-    specimen, ids = tuple(key[0] for key in keys), tuple(map(str, keys))
+    specimen = tuple(key[0] for key in keys)
+    ids = tuple(map(str, keys))
     healthy = RecordingTable(band_powers, specimen, condition, ids)
+
     np.testing.assert_allclose(healthy.changes(LAYOUT, healthy), 0, atol=1e-5)
+
     odd = band_powers.copy()
     odd[0] += np.linspace(-2, 2, LAYOUT.n_band_powers)
     other = replace(healthy, band_powers=odd)
+
     np.testing.assert_allclose(other.changes(LAYOUT, other)[0], odd[0] - band_powers[0], atol=1e-5)
+
     elsewhere = healthy.changes(
         LAYOUT, RecordingTable(band_powers[:1], ("D",), condition[:1], ("new",))
     )
+
     assert np.isnan(elsewhere).all()
 
 
@@ -102,6 +116,7 @@ def machine(name: str, labels: str = "nnnppp") -> list[Recording]:
     own = np.random.default_rng(list(name.encode())).uniform(0, 1.5)
     condition = OperatingCondition(speed=rpm(60 * SHAFT), discharge_pressure=MPa(10))
     measured = []
+
     for number, letter in enumerate(labels):
         lines = {7: 1.0, 9: 0.3 + own + (0.8 if letter == "p" else 0.0), 5: 0.5}
         measured.append(
@@ -110,6 +125,7 @@ def machine(name: str, labels: str = "nnnppp") -> list[Recording]:
                 label="normal" if letter == "n" else "piston", specimen=name, condition=condition,
             )
         )  # fmt: skip
+
     return measured
 
 
@@ -125,14 +141,20 @@ def test_own_healthy_recordings_name_a_new_machine_and_the_answer_says_what_they
     assert choice.n_machines == 3
     assert choice.sentence().endswith("This rests on 3 machines.")
     assert choice.head_recalls["with baseline"] > choice.head_recalls["without baseline"]
-    new, healthy = machine("G"), [item.replace(label=None) for item in machine("G")[:3]]
+
+    new = machine("G")
+    healthy = [item.replace(label=None) for item in machine("G")[:3]]
     without = [classifier.diagnose(item) for item in new]
+
     assert all(any("Pass some as healthy" in text for text in answer.notes) for answer in without)
+
     compared = classifier.with_healthy(healthy)
     answers = [compared.diagnose(item) for item in new]
+
     assert [answer.label for answer in answers] == [item.label for item in new]
     assert classifier.diagnose(new[4], healthy=healthy).to_dict() == answers[4].to_dict()
     assert not any("as healthy" in text for answer in answers for text in answer.notes)
+
     loaded = FaultClassifier.load(compared.save(tmp_path / "model.safetensors"))
     assert loaded.diagnose(new[4]).to_dict() == answers[4].to_dict()
 
@@ -166,5 +188,6 @@ def test_a_class_that_nobody_measured_is_told_by_levels_alone() -> None:
         recording_id=np.array([f"made {number}" for number in range(len(made))]), content={},
     )  # fmt: skip
     fitted = fit_best_candidate(measured.with_classes(classes) + made.with_classes(classes))
+
     assert fitted.recordings.on_changes is None
     assert np.isfinite(fitted.predict_proba(measured.with_classes(classes))).all()

@@ -43,6 +43,7 @@ def tones(tag: str = "", *, per_class: int = 2, windows: int = 5, gain: float = 
             phase = 2 * np.pi * (0.05 + 0.1 * index) * np.arange(64 * windows) + draw.uniform(0, 6)
             signal = gain * (np.sin(phase) + 0.3 * draw.normal(size=phase.size))
             recordings.append(Recording(signal[None], 1000.0, name, label=label))
+
     return cut_windows(recordings, length=64)
 
 
@@ -65,6 +66,7 @@ def test_training_in_16_bits_comes_near_that_in_32():
         fit(small(), tones(), settings=replace(SHORT, precision=name))
         for name in ("float32", "bfloat16")
     )
+
     assert [epoch.loss for epoch in short.history] == pytest.approx(
         [epoch.loss for epoch in exact.history], rel=0.05
     )
@@ -88,6 +90,7 @@ def test_no_network_minds_a_single_window_left_over(name):
     left = windows.subset(np.arange(17))
     settings = TrainingSettings(epochs=1, batch_size=8)
     classifier = fit(build_network(name, 1, 2), left, settings=settings)
+
     assert np.isfinite(classifier.history[0].loss)
 
 
@@ -95,6 +98,7 @@ def test_no_network_minds_a_single_window_left_over(name):
 def test_every_network_overfits_twenty_windows(name):
     windows = tones()
     assert len(windows) == 20
+
     shuffled = np.random.default_rng(0).permutation(
         windows.target
     )  # labels that only memory can tell
@@ -102,7 +106,9 @@ def test_every_network_overfits_twenty_windows(name):
     settings = TrainingSettings(epochs=80, batch_size=20, learning_rate=3e-3)
     smaller = {"channels": (16, 24, 24), "dropout": 0.0} if name.startswith("bitcn") else {}
     classifier = fit(build_network(name, 1, 2, **smaller), windows, settings=settings)
+
     assert (classifier.predict_proba(windows).argmax(axis=1) == windows.target).all()
+
     first = classifier.history[0].loss if name == "bitcn" else math.log(2)
     assert classifier.history[-1].loss < 0.4 * first
 
@@ -120,6 +126,7 @@ def test_training_leaves_the_network_given_and_the_callers_random_numbers_alone(
     expected = torch.rand(2)
     torch.manual_seed(1)
     fit(network, tones(), settings=SHORT)
+
     assert torch.equal(torch.rand(2), expected)
     assert all(torch.equal(value, network.state_dict()[key]) for key, value in before.items())
 
@@ -143,10 +150,12 @@ def test_a_run_interrupted_and_resumed_has_the_bits_of_one_without_interruption(
     run = {"settings": settings, "seed": 1, "checkpoint": tmp_path / "run.safetensors"}
     with pytest.raises(KeyboardInterrupt):
         fit(small(), tones(), progress=interrupt, **run)
+
     seen = []
     resumed = fit(
         small(), tones(), resume=True, progress=lambda epoch: seen.append(epoch.number), **run
     )
+
     assert seen == [3, 4]
     assert same(whole, resumed)
     assert same(whole, fit(small(), tones(), resume=True, **run))
@@ -171,6 +180,7 @@ def test_a_checkpoint_of_another_run_is_refused_with_what_differs(tmp_path, chan
         "checkpoint": tmp_path / "run.safetensors",
     }
     fit(**run)
+
     with pytest.raises(InputError, match=words) as caught:
         fit(**{**run, **change}, resume=True)
     assert "\n" not in str(caught.value)
@@ -179,10 +189,12 @@ def test_a_checkpoint_of_another_run_is_refused_with_what_differs(tmp_path, chan
 def test_a_checkpoint_is_neither_overwritten_nor_invented_nor_believed_if_damaged(tmp_path):
     path = tmp_path / "run.safetensors"
     fit(small(), tones(), settings=SHORT, checkpoint=path, resume=True)
+
     with pytest.raises(InputError, match="Set resume=True"):
         fit(small(), tones(), settings=SHORT, checkpoint=path)
     with pytest.raises(InputError, match="needs a checkpoint"):
         fit(small(), tones(), settings=SHORT, resume=True)
+
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(ArtifactError, match="damaged"):
         fit(small(), tones(), settings=SHORT, checkpoint=path, resume=True)
@@ -203,10 +215,13 @@ def test_a_full_disk_leaves_the_checkpoint_of_the_epoch_before(tmp_path, monkeyp
 
     save = checkpoint.save_file
     monkeypatch.setattr(checkpoint, "save_file", full)
+
     with pytest.raises(OSError, match="No space left"):
         fit(small(), tones(), settings=SHORT, checkpoint=path)
+
     monkeypatch.undo()
     assert list(tmp_path.iterdir()) == [path]
+
     seen = []
     fit(
         small(),
@@ -216,6 +231,7 @@ def test_a_full_disk_leaves_the_checkpoint_of_the_epoch_before(tmp_path, monkeyp
         resume=True,
         progress=lambda epoch: seen.append(epoch.number),
     )
+
     assert seen == [3, 4]
 
 
@@ -223,6 +239,7 @@ def test_the_manifest_names_training_and_calibration_recordings():
     classifier = fit(
         build_network("band_powers", 1, 2), tones(), settings=SHORT, manifest=["rec 9"]
     )
+
     assert list(classifier.manifest) == sorted(
         ["rec 9", *(f"{label}-{n}" for label in CLASSES for n in (0, 1))]
     )
@@ -255,6 +272,7 @@ def test_class_weights_let_each_class_count_the_same():
         fit(network, few, settings=replace(SHORT, class_weights=on)).history[0].loss
         for on in (True, False)
     }
+
     assert len(losses) == 2
     assert (
         torch.bincount(torch.as_tensor(few.target)) * loop._class_weights(few, "cpu")
@@ -262,17 +280,20 @@ def test_class_weights_let_each_class_count_the_same():
 
 
 def test_normalization_per_window_ignores_gain_and_others_keep_it():
-    quiet, loud = tones(), tones(gain=1000.0)
+    quiet = tones()
+    loud = tones(gain=1000.0)
     for kind, axes in (("window", (1, 2)), ("set", None)):
         scaled = Normalization.fit(kind, loud).apply(loud).astype(float)
         np.testing.assert_allclose(scaled.mean(axis=axes), 0, atol=1e-5)
         np.testing.assert_allclose(scaled.std(axis=axes), 1, atol=1e-5)
+
     per_window = [Normalization.fit("window", w).apply(w) for w in (quiet, loud)]
     np.testing.assert_allclose(*per_window, atol=1e-4)
     np.testing.assert_array_equal(Normalization.fit("none", loud).apply(loud), loud.signal)
     assert Normalization.fit("set", quiet).apply(loud).std() > 200, (
         "the scale is that of the training"
     )
+
     still = replace(quiet, signal=np.zeros_like(quiet.signal))
     for kind in ("window", "set"):
         assert not Normalization.fit(kind, still).apply(still).any()
@@ -282,6 +303,7 @@ def test_predictions_are_probabilities_names_and_features():
     windows = tones()
     classifier = fit(small(), windows, settings=SHORT)
     probability = classifier.predict_proba(windows)
+
     np.testing.assert_allclose(probability.sum(axis=1), 1)
     assert classifier.predict(windows).tolist() == [CLASSES[i] for i in probability.argmax(axis=1)]
     assert classifier.embed(windows).shape == (20, 12)
@@ -304,6 +326,7 @@ def test_eight_trainings_at_once_have_the_bits_of_trainings_one_by_one():
 
     with ThreadPoolExecutor(8) as threads:
         together = list(threads.map(train, range(8)))
+
     for seed in (0, 3, 7):
         assert same(together[seed], train(seed))
 
@@ -312,6 +335,7 @@ def test_a_training_changes_nothing_that_the_process_shares():
     before = global_state()
     classifier = fit(build_network("band_powers", 1, 2), tones(), settings=SHORT)
     classifier.predict_proba(tones())
+
     assert global_state() == before
 
 
@@ -332,6 +356,7 @@ def loud_tones(n_windows: int = 10) -> WindowSet:
         for label, step in (("normal", 0.3), ("piston", 0.9))
         for number in range(2)
     ]
+
     return cut_windows(recordings, length=64)
 
 
@@ -339,10 +364,13 @@ def test_half_the_windows_get_noise_of_the_ratios_asked_for_on_every_channel():
     clean = loud_tones(500)
     before = clean.signal.copy()
     which, noisy = transform_windows(clean, replace(NOISY, noise_snr=5.0), 0, 1)
+
     assert 0.45 < len(which) / len(clean) < 0.55
     assert np.array_equal(noisy.start, clean.start[which])
+
     added = noisy.signal - clean.signal[which]
     ratio = 10 * np.log10(clean.signal[which].var(axis=-1) / added.var(axis=-1))
+
     assert 5.0 - 2 < ratio.min() < 7  # 64 samples tell a variance to a decibel or so
     assert 3 + NOISE_SNR_RANGE_DB < ratio.max() < 7 + NOISE_SNR_RANGE_DB
     assert np.abs(np.median(ratio, axis=0) - (5 + NOISE_SNR_RANGE_DB / 2)).max() < 1
@@ -354,6 +382,7 @@ def test_each_channel_has_a_gain_of_its_own_within_the_largest():
     clean = loud_tones(100).signal
     gained = with_gains(clean, 3.0, np.random.default_rng(0))
     gain = 20 * np.log10(gained.std(axis=-1) / clean.std(axis=-1))
+
     assert np.abs(gain).max() <= 3.0
     assert gain.min() < -2.8
     assert gain.max() > 2.8
@@ -361,17 +390,21 @@ def test_each_channel_has_a_gain_of_its_own_within_the_largest():
 
 
 def test_a_faster_shaft_moves_every_line_by_as_much():
-    length, line = 4096, 200
+    length = 4096
+    line = 200
     tone = np.sin(2 * np.pi * line / length * np.arange(length)).astype(np.float32)
     taper = np.hanning(length)
     moved = at_other_speeds(np.tile(tone, (200, 2, 1)), 0.05, np.random.default_rng(0))
+
     assert moved.dtype == np.float32
+
     shift = np.abs(np.fft.rfft(taper * moved)).argmax(axis=-1) / line - 1
     assert np.array_equal(shift[:, 0], shift[:, 1])  # sensors of one shaft
     assert np.abs(shift).max() < 0.05 + 0.005
     assert shift.min() < -0.04
     assert shift.max() > 0.04
     assert np.abs(moved).max() < 1.01
+
     still = at_other_speeds(np.tile(tone, (1, 1, 1)), 0.0, np.random.default_rng(0))
     assert np.allclose(still, tone, atol=1e-5)
 
@@ -381,15 +414,18 @@ def test_each_transform_changes_a_random_half_of_the_windows_and_no_other():
     before = clean.signal.copy()
     every = replace(NOISY, noise_snr=40.0, gain=1.0, stretch=0.01)
     which, changed = transform_windows(clean, every, 0, 1)
+
     assert 0.83 < len(which) / len(clean) < 0.92  # 7 of 8
     assert (changed.signal != clean.signal[which]).any(axis=(1, 2)).all()
     assert np.array_equal(clean.signal, before)
     assert len(transform_windows(clean, replace(NOISY, noise_snr=None), 0, 1)[0]) == 0
+
     alone = transform_windows(clean, NOISY, 0, 1)[0]
     assert set(alone.tolist()) <= set(
         which.tolist()
     )  # what noise falls on does not hang on the others
     assert not np.array_equal(alone, transform_windows(clean, NOISY, 0, 2)[0])
+
     few = clean.subset(np.arange(2))
     assert {len(transform_windows(few, every, 0, epoch)[0]) for epoch in range(100)} == {0, 1, 2}
 
@@ -437,10 +473,12 @@ def replays(monkeypatch: pytest.MonkeyPatch) -> list[int]:
                 own._sums,
                 *own.network.state_dict().values(),
             ]
+
             return [tensor.data_ptr() for tensor in (*held, *rates, *moments)]
 
         for _ in range(3):
             step()
+
         captured = places()
 
         def replay():
@@ -461,11 +499,14 @@ def replays(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def test_replayed_steps_learn_what_single_steps_do(replays, change, monkeypatch):
     settings = replace(SHORT, **change)
     replayed = fit(small(), tones(), settings=settings)
+
     assert (
         len(replays) == 2 * settings.epochs
     )  # of 20 windows 4 are left over, which are never replayed
+
     monkeypatch.setattr(loop, "is_replayed", steps.is_replayed)
     single = fit(small(), tones(), settings=settings)
+
     assert [epoch.loss for epoch in replayed.history] == pytest.approx(
         [e.loss for e in single.history], rel=1e-4
     )
@@ -479,7 +520,9 @@ def test_replayed_steps_go_on_after_an_interrupt_as_if_there_had_been_none(repla
         if epoch.number == 2:
             raise KeyboardInterrupt
 
-    whole, file = fit(small(), tones(), settings=SHORT), tmp_path / "training.safetensors"
+    whole = fit(small(), tones(), settings=SHORT)
+    file = tmp_path / "training.safetensors"
+
     with pytest.raises(KeyboardInterrupt):
         fit(small(), tones(), settings=SHORT, checkpoint=file, progress=interrupt)
     assert same(whole, fit(small(), tones(), settings=SHORT, checkpoint=file, resume=True))
@@ -522,8 +565,10 @@ def test_a_step_is_captured_after_a_warm_up_with_its_generator(monkeypatch):
         "stream": lambda side: Context("side"),
         "graph": lambda graph, stream, capture_error_mode: Context("capture"),
     }  # fmt: skip
+
     for name, part in parts.items():
         monkeypatch.setattr(torch.cuda, name, part)
+
     steps.capture(lambda: told.append("step"), torch.Generator())()
     assert told == [
         "device", "generator", "wait", "side", "step", "step", "step", "end of side", "wait",
@@ -543,14 +588,13 @@ ON_A_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU
 @ON_A_GPU
 @pytest.mark.parametrize(("precision", "tolerance"), [("float32", 0.01), ("bfloat16", 0.1)])
 def test_a_gpu_learns_what_the_processor_learns(precision, tolerance):
-    settings, network = (
-        replace(SHORT, precision=precision),
-        BiTCN(1, 2, channels=(8, 12), kernel_size=3, dropout=0.0),
-    )
+    settings = replace(SHORT, precision=precision)
+    network = BiTCN(1, 2, channels=(8, 12), kernel_size=3, dropout=0.0)
     there, here = (
         fit(network, tones(), settings=settings, device=device) for device in ("cuda", "cpu")
     )
     expected = [epoch.loss for epoch in here.history]
+
     assert [epoch.loss for epoch in there.history] == pytest.approx(expected, rel=tolerance)
     np.testing.assert_allclose(
         there.predict_proba(tones()), here.predict_proba(tones()), atol=tolerance
@@ -564,6 +608,7 @@ def test_a_gpu_gives_the_same_bits_again_also_after_an_interrupt(tmp_path):
 
     whole, again = (fit(small(), tones(), settings=SHORT, device="cuda") for _ in range(2))
     assert same(whole, again)
+
     file = tmp_path / "training.safetensors"
     with pytest.raises(KeyboardInterrupt):
         fit(small(), tones(), settings=SHORT, device="cuda", checkpoint=file, progress=interrupt)

@@ -27,6 +27,7 @@ def cut_rig(recordings_per_class: int) -> WindowSet:
         for label in CLASSES
         for number in range(recordings_per_class)
     ]
+
     return cut_windows(recordings, length=100)
 
 
@@ -51,7 +52,9 @@ def recording_names(windows: WindowSet) -> set[str]:
 def test_no_recording_stands_in_two_of_the_three_sets():
     measured = cut_rig(12)
     data = prepare_training_data(measured, test_fraction=0.2, validation_fraction=0.4)
+
     assert data.validation is not None
+
     sets = [recording_names(part) for part in (data.training, data.test, data.validation)]
     assert sum(map(len, sets)) == len(set.union(*sets)) == 24
     assert data.test_recordings == tuple(sorted(sets[1]))
@@ -61,6 +64,7 @@ def test_no_recording_stands_in_two_of_the_three_sets():
 def test_without_fractions_everything_is_trained_on():
     measured = cut_rig(2)
     data = prepare_training_data(measured)
+
     assert len(data.training) == len(measured)
     assert (len(data.test), data.validation, data.error_rate) == (0, None, 0.1)
     assert data.test_recordings == data.validation_recordings == data.notes == ()
@@ -70,6 +74,7 @@ def test_synthetic_windows_join_the_training_set_with_their_class():
     measured = cut_rig(12)
     synthetic = make_synthetic(measured, label="valve_plate", made_from={"normal-0": ()})
     data = prepare_training_data(measured, [synthetic], validation_fraction=0.4)
+
     assert data.validation is not None
     assert data.training.classes == data.validation.classes == (*CLASSES, "valve_plate")
     assert data.training.synthetic.sum() == 4
@@ -80,6 +85,7 @@ def test_a_test_recording_that_synthetic_windows_were_made_from_is_refused():
     measured = cut_rig(6)
     everything = dict.fromkeys(recording_names(measured), ())
     synthetic = make_synthetic(measured, label="piston", made_from=everything)
+
     with pytest.raises(LeakError, match="had a part in the synthetic windows"):
         prepare_training_data(measured, [synthetic], test_fraction=0.2)
 
@@ -87,6 +93,7 @@ def test_a_test_recording_that_synthetic_windows_were_made_from_is_refused():
 def test_too_few_validation_recordings_lower_a_default_rate_and_refuse_a_requested_one():
     measured = cut_rig(5)
     data = prepare_training_data(measured, validation_fraction=0.3)
+
     assert data.error_rate > 0.1
     assert data.notes[0].startswith("An error rate of 0.1 needs 9 validation recordings")
     with pytest.raises(InputError, match="needs 9 validation recordings"):
@@ -100,4 +107,5 @@ def test_a_duplicate_recording_is_reported():
     renamed = {"normal-9": measured.content["normal-0"]}
     duplicate = replace(measured, recording_id=names, content=renamed).subset(is_first)
     (note,) = prepare_training_data(measured + duplicate).notes
+
     assert "normal-9 holds the same samples as normal-0" in note

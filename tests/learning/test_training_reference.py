@@ -57,7 +57,8 @@ def fleet() -> SimpleNamespace:
         part.ravel() for part in np.meshgrid(list("abcd"), list("ABCDEFG"), indexing="ij")
     )
     label, machine = np.repeat(label, 12), np.repeat(machine, 12)
-    centers, shifts = random.normal(0, 1.0, (4, 40)), random.normal(0, 0.4, (7, 40))
+    centers = random.normal(0, 1.0, (4, 40))
+    shifts = random.normal(0, 0.4, (7, 40))
     rows = (
         centers[np.searchsorted(list("abcd"), label)]
         + shifts[np.searchsorted(list("ABCDEFG"), machine)]
@@ -71,6 +72,7 @@ def fleet() -> SimpleNamespace:
             for row, name in zip(rows, machine, strict=True)
         ]
     )
+
     return SimpleNamespace(rows=rows, new=label == "d", here=np.isin(machine, MACHINES), taught=taught, score=score,
                            reference=reference)  # fmt: skip
 
@@ -87,9 +89,11 @@ def test_a_machine_that_was_never_trained_is_judged_by_machines_left_out(fleet):
     assert fleet.reference.distance_scales[1] > fleet.reference.distance_scales[0]
     assert np.mean(fleet.score[~fleet.here & ~fleet.new] > 1) < 0.3
     assert np.mean(fleet.score[~fleet.here & fleet.new] > 1) > 0.8
+
     alike = (
         fleet.reference.ood_score(fleet.rows[0], specimen="A") * fleet.reference.distance_scales[0]
     )
+
     assert fleet.reference.ood_score(fleet.rows[0]) * fleet.reference.distance_scales[
         1
     ] == pytest.approx(alike)
@@ -98,6 +102,7 @@ def test_a_machine_that_was_never_trained_is_judged_by_machines_left_out(fleet):
 def test_scores_across_folds_are_those_of_recordings_to_come(fleet):
     scores = fleet.reference.cross_fitted_scores()
     assert np.mean(scores > 1) == pytest.approx(0.1, abs=0.02)
+
     fitted = [fleet.reference.ood_score(row, specimen="A") for row in fleet.reference.features]
     assert np.median(fitted) < 0.9 * np.median(scores), (
         "recordings that had a part are nearer than new ones"
@@ -107,7 +112,9 @@ def test_scores_across_folds_are_those_of_recordings_to_come(fleet):
 def test_a_few_recordings_or_a_single_class_have_a_score_too(fleet):
     rows = fleet.rows[:3]
     alone = reference_of(rows, np.array(["a"] * 3), np.array([""] * 3))
+
     assert alone.ood_score(rows[0] + 5) > alone.ood_score(rows[0])
+
     each = reference_of(fleet.rows[[0, 90]], np.array(["a", "b"]), np.array(["A", "B"]))
     assert each.distance_scales == (1.0, 1.0)
     assert np.isnan(each.cross_fitted_scores()).all()
@@ -126,7 +133,9 @@ def test_what_an_operating_point_changes_in_every_class_counts_for_nothing():
     condition = np.stack([np.full(40, rpm(860)), pressure], axis=1)
     space = fit_class_space(rows, label.tolist(), [""] * 40, condition)
     at_high = np.array([3.0, 0, 0, 0, 0, 0])
+
     assert space.score(at_high, condition[1]) < 2 < space.score(at_high, condition[0])
+
     near = np.array([rpm(860), MPa(14)])
     assert space.score(at_high, near) == space.score(at_high, condition[1]), (
         "the nearest point's offset is taken"
@@ -143,6 +152,7 @@ def recording(
     signal = np.array(gain)[:, None] * (level * lines + noise * random.normal(size=lines.shape))
     condition = OperatingCondition(speed=rpm(speed), discharge_pressure=MPa(15))
     signal = signal[::-1] if swapped else signal
+
     return Recording(
         signal,
         1000.0,
@@ -166,6 +176,7 @@ def classifier() -> SimpleNamespace:
     train = windows(
         *(recording(f"{machine}{number}") for machine in MACHINES for number in range(6))
     )
+
     return SimpleNamespace(
         training_reference=build_reference(train, reference_features(train)), layout=train.layout,
         pressures=(MPa(15),), speeds=(rpm(860),), classes=train.classes, manifest={}, confidence=None,
@@ -226,10 +237,12 @@ def test_more_noise_is_said_in_decibels_above_the_training_for_each_channel(clas
         for sentence in sentences
         if sentence.startswith("The noise floor of channel case_")
     ]
+
     assert len(floors) == 2
     for sentence in floors:
         assert " dB above the training's range (" in sentence
         assert "dB re 1 (m/s^2)²/Hz; training: " in sentence
+
     assert any("strongest lines of channel case_x hold" in sentence for sentence in sentences)
 
 
@@ -246,6 +259,7 @@ def test_recordings_like_the_training_get_a_remark_as_rarely_as_stated(classifie
         )
         for w in new
     ]
+
     assert np.mean(said) < 2 * ERROR_RATE
     assert deviating_statistics(
         reference.statistics[:4], reference.specimen[:4], reference.statistics[0] + 99
@@ -259,7 +273,9 @@ def test_recordings_with_a_sample_that_is_no_number_are_left_out_of_the_referenc
     train = windows(recording("A0"), recording("B0"))
     levels = reference_features(train)
     levels[:4] = np.nan
+
     assert build_reference(train, levels).specimen == ("B",)
     assert build_reference(train, levels * np.nan) is None
+
     again = build_reference(replace(train, synthetic=np.arange(8) < 4), levels)
     assert again.recording_id == ("B0",)

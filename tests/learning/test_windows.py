@@ -48,6 +48,7 @@ def ids(windows: WindowSet) -> set[str]:
 def test_a_window_holds_the_readings_from_its_start_on():
     source = recording("a")
     windows = cut_windows([source], length=100, stride=30)
+
     assert windows.start.tolist() == list(range(0, 901, 30))
     for window, start in zip(windows.signal, windows.start, strict=True):
         np.testing.assert_array_equal(
@@ -58,10 +59,12 @@ def test_a_window_holds_the_readings_from_its_start_on():
 def test_windows_carry_label_specimen_condition_and_origin():
     created = recording("b", "piston", pressure=5, specimen="pump-2", synthetic=True)
     windows = cut_windows([recording("a"), created], length=500)
+
     assert windows.label.tolist() == ["normal", "normal", "piston", "piston"]
     assert windows.specimen.tolist() == ["", "", "pump-2", "pump-2"]
     assert windows.discharge_pressure.tolist() == [15e6, 15e6, 5e6, 5e6]
     assert windows.synthetic.tolist() == [False, False, True, True]
+
     unknown = cut_windows([recording("a", None, condition=None)], length=500)
     assert (unknown.classes, unknown.target.tolist(), unknown.label.tolist()) == (
         (),
@@ -133,13 +136,15 @@ def test_sets_of_other_classes_or_layout_do_not_add():
 
 def test_the_fingerprint_changes_with_one_reading_and_with_one_label():
     windows = cut_windows(rig(), length=200)
-    louder, relabeled = windows.signal.copy(), windows.target.copy()
+    louder = windows.signal.copy()
+    relabeled = windows.target.copy()
     louder[3, 0, 7] += 1
     relabeled[0] = 2
     prints = {
         w.fingerprint()
         for w in (windows, replace(windows, signal=louder), replace(windows, target=relabeled))
     }
+
     assert len(prints) == 3
     assert windows.fingerprint() == cut_windows(rig(), length=200).fingerprint()
 
@@ -166,16 +171,19 @@ def test_a_split_shares_no_recording_and_keeps_every_class_on_both_sides(
     ]
     windows = cut_windows(recordings, length=100, stride=stride)
     train, test = split_by_recording(windows, test_fraction=fraction, seed=seed)
+
     assert not ids(train) & ids(test)
     assert ids(train) | ids(test) == ids(windows)
     assert len(train) + len(test) == len(windows)
     assert set(train.target.tolist()) == set(test.target.tolist()) == set(range(len(sizes)))
+
     check_disjoint(train, test)
 
 
 def test_with_recordings_enough_a_fifth_is_tested_and_every_cell_stands_on_both_sides():
     windows = cut_windows(rig(per_cell=5), length=100)
     train, test = split_by_recording(windows, test_fraction=0.2, seed=1)
+
     assert len(test) / len(windows) == pytest.approx(0.2, abs=0.03)
     assert all(test.counts().values())
     assert all(train.counts().values())
@@ -198,6 +206,7 @@ def test_a_split_refuses_synthetic_and_unlabeled_windows_and_unknown_groups():
         split_by_recording(
             cut_windows([*rig(), recording("nowhere")], length=100), group="specimen"
         )
+
     with pytest.raises(InputError, match="Invalid group 'window'"):
         split_by_recording(cut_windows(rig(), length=100), group="window")
     with pytest.raises(InputError, match="test_fraction"):
@@ -208,6 +217,7 @@ def test_recordings_kept_in_training_are_never_tested_on_and_the_rest_is_split()
     windows = cut_windows(rig(), length=100)
     training_ids = [f"{label}-5-{index}" for label in CLASSES for index in range(3)]
     train, test = split_by_recording(windows, keep_in_training=[*training_ids, "elsewhere"])
+
     assert set(training_ids) <= ids(train)
     assert ids(train) | ids(test) == ids(windows)
     assert not ids(train) & ids(test)
@@ -219,22 +229,24 @@ def test_recordings_kept_in_training_are_never_tested_on_and_the_rest_is_split()
 
 
 def test_a_leak_is_named():
-    first, second = (
-        cut_windows([recording("a")], length=100),
-        cut_windows([recording("b")], length=100),
-    )
+    first = cut_windows([recording("a")], length=100)
+    second = cut_windows([recording("b")], length=100)
     check_disjoint(first, second)
+
     with pytest.raises(LeakError, match="recording a is in training and in test"):
         check_disjoint(first + second, first)
+
     copied = cut_windows([replace(recording("a"), recording_id="a copy")], length=100)
     with pytest.raises(
         LeakError,
         match="recording a copy, a copy of a, altered or not",
     ):
         check_disjoint(first + second, copied)
+
     part = cut_windows(
         [Recording(recording("a").signal[:, 200:], 1000.0, "a part", label="normal")], length=100
     )
+
     with pytest.raises(LeakError, match="a part holds a window of the training recording a"):
         check_disjoint(first + second, part)
     with pytest.raises(LeakError, match="b is synthetic"):
@@ -261,13 +273,16 @@ def test_folds_share_no_group_where_windows_overlap(n_folds, seed, stride):
     windows = cut_windows(recordings, length=60, stride=stride)
     groups = recording_groups(recordings, "day")
     folds = group_folds(windows, group=groups, n_folds=n_folds, seed=seed)
+
     for trained, tested in folds:
         sides = [
             {groups[name] for name in windows.recording_id[side].tolist()}
             for side in (trained, tested)
         ]
+
         assert not sides[0] & sides[1]
         assert len(trained) + len(tested) == len(windows)
+
     assert sorted(np.concatenate([tested for _, tested in folds]).tolist()) == list(
         range(len(windows))
     )
@@ -277,6 +292,7 @@ def test_folds_share_no_group_where_windows_overlap(n_folds, seed, stride):
 def test_a_fold_that_leaves_nothing_of_a_class_to_train_on_is_refused_with_the_group():
     recordings = [*rows(["mon", "tue"]), bare("odd", "crack", attributes={"day": "wed"})]
     windows = cut_windows(recordings, length=100)
+
     with pytest.raises(DataError, match="wed held out, nothing of the class crack"):
         group_folds(windows, group=recording_groups(recordings, "day"), n_folds=3)
 
@@ -284,6 +300,7 @@ def test_a_fold_that_leaves_nothing_of_a_class_to_train_on_is_refused_with_the_g
 def test_more_folds_than_groups_and_one_group_are_refused():
     recordings = rows(["mon", "tue"])
     windows = cut_windows(recordings, length=100)
+
     with pytest.raises(InputError, match=r"n_folds \(3\) must be 2 to 2"):
         group_folds(windows, group=recording_groups(recordings, "day"), n_folds=3)
 
@@ -294,8 +311,10 @@ def test_a_condition_is_a_speed_and_a_pressure_where_stated_and_close_speeds_are
         bare(f"r{number}", attributes={"speed": speed}) for number, speed in enumerate(speeds)
     ]
     groups = recording_groups(recordings, "condition")
+
     assert groups["r0"] == groups["r1"] == groups["r2"] == "705.7 rev/min"
     assert groups["r3"] == groups["r4"] == groups["r5"] != groups["r0"]
+
     point = OperatingCondition(rpm(1500), MPa(15))
     assert recording_groups([bare("both", condition=point)], "condition") == {
         "both": "1500 rev/min, 15 MPa"
@@ -305,7 +324,9 @@ def test_a_condition_is_a_speed_and_a_pressure_where_stated_and_close_speeds_are
 def test_windows_carry_the_speed_that_only_an_attribute_states_and_split_by_it():
     recordings = rows(["700 rpm", "1000 rpm", "1200 rpm"], "speed")
     windows = cut_windows(recordings, length=100)
+
     assert set(np.round(windows.speed * 30 / math.pi).tolist()) == {700, 1000, 1200}
+
     train, test = split_by_recording(windows, group="condition", test_fraction=0.34)
     assert not set(train.speed.tolist()) & set(test.speed.tolist())
 
@@ -352,6 +373,7 @@ def test_a_check_and_a_split_agree_on_whether_machines_can_be_held_out(ring: str
         use for use in check_recordings(recordings, window=60).uses if "specimens" in use.name
     ]
     windows = cut_windows(recordings, length=60)
+
     try:
         split_by_recording(windows, group=recording_groups(recordings, "specimen"))
     except DataError:

@@ -34,6 +34,7 @@ def test_a_louder_machine_is_flagged_against_its_own_baseline() -> None:
         pump(0.5, "quiet", 9),
     ]
     result = trend([*fleet(HEALTHY), *worn])
+
     assert {
         point.row.recording_id: point.status for point in result.points if not point.healthy
     } == {
@@ -61,6 +62,7 @@ def test_another_machine_or_operating_point_has_no_part_in_a_baseline() -> None:
         pump(1.0, "almost that speed", 8, condition=OperatingCondition(rpm(905), MPa(15))),
     ]
     result = trend([*healthy, *others])
+
     assert {point.row.recording_id for point in result.points if point.status == "no baseline"} == {
         "other machine",
         "other pressure",
@@ -73,6 +75,7 @@ def test_a_trend_goes_by_date_or_by_name() -> None:
         replace(recording, attributes={"date": f"2024-01-0{9 - i}"})
         for i, recording in enumerate(fleet(HEALTHY))
     ]
+
     assert [point.row.recording_id for point in trend(dated, by="time").points] == [
         f"run{i}" for i in (5, 4, 3, 2, 1, 0)
     ]
@@ -90,5 +93,6 @@ def test_what_has_no_trend_is_said() -> None:
         trend(fleet([1.0]), k=0.0)
     with pytest.raises(InputError, match="no channel 'x'; there are cover, body"):
         trend(fleet([1.0]), channel="x")
+
     result = trend([pump(1.0, f"r{i}", i) for i in range(4)], healthy=["r*"])
     assert all(point.healthy for point in result.points)

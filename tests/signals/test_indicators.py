@@ -60,6 +60,7 @@ def test_the_velocity_of_a_sine_is_its_amplitude_over_its_angular_frequency(
 ) -> None:
     signal = amplitude * (offset + np.sin(2 * np.pi * frequency * TIME + phase))
     wanted = amplitude / (2 * np.pi * frequency) / math.sqrt(2)
+
     assert band_rms(signal[None], RATE, 10, 1000, of_velocity=True)[0] == pytest.approx(
         wanted, rel=0.02 if frequency < 13 else 0.004
     )
@@ -71,6 +72,7 @@ def test_the_energies_of_bands_that_share_an_edge_add_up_to_the_whole() -> None:
         band_rms(noise, RATE, low, high) ** 2
         for low, high in ((0, 123.4), (123.4, 2000), (2000, 5000))
     ]
+
     assert np.sum(parts, axis=0) == pytest.approx(band_rms(noise, RATE, 0, 5000) ** 2)
     assert band_rms(noise, RATE, 0, 5000) == pytest.approx(noise.std(axis=1), rel=0.02)
     assert band_rms(noise, RATE, 1000, 2000) == pytest.approx([math.sqrt(0.2)] * 2, rel=0.05)
@@ -82,6 +84,7 @@ def test_the_kurtogram_of_noise_scatters_about_zero_as_it_says() -> None:
         result = kurtogram(np.random.default_rng(seed).standard_normal(40000))
         inner = (result.low > 0) & (result.high < RATE / 2)
         scores.append((result.kurtosis / result.deviation)[inner])
+
     scores = np.concatenate(scores)
     assert abs(scores.mean()) < 0.25
     assert 0.8 < scores.std() < 1.5
@@ -92,9 +95,11 @@ def test_the_kurtosis_of_a_sine_is_minus_one_and_of_the_whole_band_that_of_the_a
 ):
     sine = np.sin(2 * np.pi * 1100 * TIME)
     assert kurtogram(sine).kurtosis[0] == pytest.approx(-1, abs=0.01)
+
     signal = bursts()
     power = np.abs(scipy.signal.hilbert(signal - signal.mean()))[40:-40] ** 2
     wanted = (power**2).mean() / power.mean() ** 2 - 2
+
     assert kurtogram(signal).kurtosis[0] == pytest.approx(wanted, rel=0.02)
 
 
@@ -102,6 +107,7 @@ def test_the_kurtosis_of_a_sine_is_minus_one_and_of_the_whole_band_that_of_the_a
 def test_the_kurtogram_finds_the_band_that_rings(ring: float) -> None:
     result = kurtogram(bursts(ring=ring))
     low, high = result.band
+
     assert low - 200 < ring < high + 200
     assert high - low < 2000
 
@@ -117,6 +123,7 @@ def test_statistics_of_blocks_are_the_time_statistics() -> None:
     signal = bursts()[None]
     values = recording_statistics(Recording(signal + 5, RATE, "a"))
     whole = dict(zip(TIME_STATISTICS, time_statistics(signal - signal.mean())[0], strict=True))
+
     assert {name: value[0] for name, value in values.items()} == pytest.approx(
         {name: whole[name] for name in values}
     )
@@ -132,6 +139,7 @@ def test_a_table_holds_what_scipy_says_of_each_channel() -> None:
     recording = pump()
     table = indicators_of(recording, pistons=7)
     row = recording.signal - recording.signal.mean(axis=1, keepdims=True)
+
     assert table.column("rms")[1] == pytest.approx(row.std(axis=1))
     assert table.column("peak")[1] == pytest.approx(np.abs(row).max(axis=1))
     assert table.column("crest_factor")[1] == pytest.approx(
@@ -145,6 +153,7 @@ def test_a_table_holds_what_scipy_says_of_each_channel() -> None:
         assert table.column(f"order_amplitude {order}x")[1] == pytest.approx(
             [amplitude] * 2, rel=0.02
         )
+
     assert [indicator.unit for indicator in table.columns[:3]] == ["m/s^2", "m/s^2", ""]
     assert np.isnan(table.column("band_rms 5000-10000 Hz")[1]).all()
 
@@ -157,6 +166,7 @@ def test_lines_along_an_angle_keep_their_amplitude() -> None:
 def test_bands_in_orders_need_a_speed_and_follow_it() -> None:
     band = (Band(0.5, 1.5, in_orders=True),)
     slow = indicators_of(pump(), bands=band, families=("bands",))
+
     assert slow.column("band_rms 0.5-1.5x")[1] == pytest.approx([0.3 / math.sqrt(2)] * 2, rel=0.02)
     assert indicators_of(
         replace(pump(), condition=None), bands=band, families=("bands",)
@@ -166,6 +176,7 @@ def test_bands_in_orders_need_a_speed_and_follow_it() -> None:
 def test_a_short_recording_has_gaps_and_no_error() -> None:
     recording = replace(pump(), signal=pump().signal[:, :900])
     table = indicators_of(recording, pistons=7)
+
     assert np.isnan(table.column("velocity_rms")[1]).all()
     assert np.isnan(table.column("order_amplitude 7x")[1]).all()
     assert np.isfinite(table.column("rms")[1]).all()
@@ -211,9 +222,11 @@ def test_a_long_recording_is_described_in_stretches_and_its_statistics_are_those
     parts = indicator_table.summarize_long_recording(
         recording, lambda part: indicators_of(part, pistons=9)
     )
+
     assert (parts.rows, parts.columns) == (whole.rows, whole.columns)
     for name in ("rms", "peak", "crest_factor", "kurtosis", "skewness"):
         assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=1e-9)
+
     for name in ("velocity_rms", "band_rms 10-1000 Hz", "order_amplitude 1x"):
         assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=0.05)
 

@@ -6,7 +6,8 @@ import pytest
 from swashtwin.foundation import InputError
 from swashtwin.signals import NoiseKind, add_noise
 
-RATE, COUNT = 12800.0, 51200
+RATE = 12800.0
+COUNT = 51200
 
 
 def added(kind: NoiseKind, snr_db: float = 5.0, *purpose: object) -> np.ndarray:
@@ -36,6 +37,7 @@ def test_hum_is_lines_of_the_mains_that_fall_with_their_number() -> None:
         power[0, round((50 * h - 4) * per_hertz) : round((50 * h + 4) * per_hertz)].sum()
         for h in range(1, 22)
     ]
+
     np.testing.assert_allclose(
         np.array(lines[:20]) / lines[0], 1 / np.arange(1, 21) ** 2, rtol=0.01
     )
@@ -46,6 +48,7 @@ def test_hum_is_lines_of_the_mains_that_fall_with_their_number() -> None:
 def test_hum_above_half_the_rate_is_left_out_and_refused_without_a_rate() -> None:
     signal = np.sin(np.arange(5000.0))[None]
     changed = add_noise(signal, 0.0, 0, kind="hum", sample_rate=130.0) - signal
+
     assert changed.var() == pytest.approx(signal.var(), rel=0.02)
     np.testing.assert_array_equal(add_noise(signal, 0.0, 0, kind="hum", sample_rate=10.0), signal)
     with pytest.raises(InputError, match="needs the sample rate"):

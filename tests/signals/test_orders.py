@@ -56,6 +56,7 @@ def turning(
         + noise * rng.standard_normal(len(angle))
         for _ in range(channels)
     ]
+
     return Recording(np.stack(rows), RATE, "run", tuple(f"a{i}" for i in range(channels)))
 
 
@@ -77,6 +78,7 @@ def wandering(angle: ShaftAngle, true: np.ndarray) -> float:
 def test_pulses_give_the_angle_of_a_run_up(pulses: int, limit: float) -> None:
     true = shaft_speed(swing=0.005)
     angle = tachometer_angle(tacho(true, pulses), "tacho", pulses)
+
     assert wandering(angle, true) < limit  # one sample is 0.65 degrees at 18 Hz
     assert angle.mean_speed == pytest.approx(2 * np.pi * 15, rel=1e-3)
     assert 0 < math.degrees(angle.deviation) < 1
@@ -86,6 +88,7 @@ def test_a_missed_pulse_is_refused_with_its_time() -> None:
     recording = tacho(shaft_speed(start=15, end=15))
     signal = recording.signal.copy()
     signal[1, int(2.0 * RATE) : int(2.06 * RATE)] = 0.1
+
     with pytest.raises(DataError, match=r"pulses at 1\.9.* a pulse was missed"):
         tachometer_angle(replace(recording, signal=signal), "tacho")
 
@@ -103,6 +106,7 @@ def test_a_channel_without_pulses_is_no_tachometer() -> None:
 def test_a_wandering_speed_is_followed_on_the_piston_line(swing: float) -> None:
     true = shaft_speed(start=14.2, end=14.4, swing=swing)
     angle = track_shaft_angle(turning(true, noise=0.3), order=7, near=rpm(860))
+
     assert wandering(angle, true) < 1.5
     assert angle.quality == 1.0
 
@@ -116,12 +120,15 @@ def test_a_run_up_by_half_is_followed_from_one_guess() -> None:
 def test_the_stated_error_is_the_error_that_noise_makes() -> None:
     true = shaft_speed(start=14, end=14.5)
     inside = slice(1000, -1000)
-    errors, stated = [], []
+    errors = []
+    stated = []
+
     for seed in range(6):
         angle = track_shaft_angle(turning(true, noise=2.0, seed=seed), order=7, near=rpm(860))
         error = (angle.angle - true)[inside]
         errors.append((error - error.mean()).std())
         stated.append(angle.deviation)
+
     assert np.mean(stated) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.35)
 
 
@@ -139,6 +146,7 @@ def test_a_hump_of_noise_is_no_line() -> None:
     sos = scipy.signal.butter(2, [low, high], "bandpass", fs=RATE, output="sos")
     noise = np.random.default_rng(1).standard_normal(100_000)
     hump = 20 * scipy.signal.sosfilt(sos, noise)[20_000:] + 0.1 * noise[20_000:]
+
     with pytest.raises(DataError, match="stands clear of the noise"):
         track_shaft_angle(Recording(hump[None], RATE, "hump"), order=7, near=rpm(860))
 
@@ -180,6 +188,7 @@ def test_a_line_keeps_its_amplitude_along_the_angle(
     turned = resample_by_angle(recording, angle, per_turn)
     whole = turned.signal[:, 2 * per_turn : 50 * per_turn]
     lines = np.fft.rfft(whole[0]) * 2 / whole.shape[1]
+
     assert abs(lines[48 * order]) == pytest.approx(1, abs=0.01)
     assert np.angle(lines[48 * order]) == pytest.approx(0.5, abs=0.01)
 
@@ -188,6 +197,7 @@ def test_orders_above_the_new_rate_are_cut_off_and_do_not_fold() -> None:
     true = shaft_speed(start=13, end=16)
     recording = Recording(np.cos(200 * true)[None], RATE, "run")
     turned = resample_by_angle(recording, ShaftAngle(true, RATE, 0.0, 1.0, "truth"), 256)
+
     assert np.abs(turned.signal[:, 512:-512]).max() < 0.01
 
 
@@ -197,13 +207,16 @@ def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
     recording = replace(turning(true, noise=0.1), condition=condition, label="normal")
     angle = track_shaft_angle(recording, order=7)
     turned = resample_by_angle(recording, angle, 512)
+
     assert turned.attributes["domain"] == "angle"
     assert turned.attributes["samples_per_turn"] == "512"
     assert turned.condition == condition
     assert turned.speed is not None
+
     true_speed = 2 * np.pi * np.linspace(14, 14.6, len(turned.speed))
     assert turned.speed == pytest.approx(true_speed, rel=0.02)
     assert turned.speed[1024:-1024] == pytest.approx(true_speed[1024:-1024], rel=0.003)
+
     frequency, amplitude = amplitude_spectrum(turned.signal, turned.sample_rate)
     assert frequency[amplitude[0].argmax()] == pytest.approx(
         7 * (specified_shaft_frequency(turned) or 0), rel=1e-3
@@ -216,12 +229,14 @@ def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
 def test_what_cannot_be_laid_along_an_angle_is_said() -> None:
     recording = turning(shaft_speed())
     angle = ShaftAngle(shaft_speed(), RATE, 0.0, 1.0, "truth")
+
     with pytest.raises(InputError, match="even number"):
         resample_by_angle(recording, angle, 255)
     with pytest.raises(InputError, match="take the angle from this recording"):
         resample_by_angle(turning(shaft_speed(seconds=4)), angle, 256)
     with pytest.raises(InputError, match="played_at"):
         resample_by_angle(recording, angle, 256, played_at=0.0)
+
     still = replace(recording, speed=np.zeros(recording.signal.shape[1]))
     with pytest.raises(InputError, match="stands still"):
         specified_angle(still)
@@ -230,6 +245,7 @@ def test_what_cannot_be_laid_along_an_angle_is_said() -> None:
 def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> None:
     recording = turning(shaft_speed(start=14.0, end=14.6), noise=0.1)
     angles = track_shaft_angle(recording, order=(7, 400, 700), near=rpm(860))
+
     assert angles.source == "the line at order 7"
     with pytest.raises(InputError, match=r"order 400 .* below half the sample rate"):
         track_shaft_angle(recording, order=(700, 400), near=rpm(860))
@@ -237,7 +253,8 @@ def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> N
 
 # ---- the angle from the piston-pass lines
 
-SECONDS, STATED = 6.0, 15.0
+SECONDS = 6.0
+STATED = 15.0
 TIME = np.arange(int(SECONDS * RATE)) / RATE
 
 
@@ -260,6 +277,7 @@ def test_sidebands_do_not_pass_for_a_piston_line(off: float) -> None:
         0.33 * np.cos(7 * k * angle) + 0.4 * np.cos((7 * k - np.sign(off)) * angle)
         for k in range(1, 7)
     ]
+
     assert piston_pass_angle(recording_of(sum(lines)), 7).mean_speed == pytest.approx(
         2 * np.pi * shaft, rel=1e-3
     )
@@ -277,6 +295,7 @@ def test_a_run_up_is_followed_along_the_speed_that_it_states(off: float) -> None
         - angle
     )
     inside = slice(int(RATE / 5), -int(RATE / 5))
+
     assert np.degrees(np.abs(error[inside] - np.median(error[inside])).max()) < 1
 
 

@@ -46,6 +46,7 @@ def turning(
         amplitude * np.cos(order * angle + phase)
         for order, amplitude, phase in zip(orders, amplitudes, phases, strict=True)
     )
+
     return (signal + noise * rng.standard_normal(len(time)))[None]
 
 
@@ -61,6 +62,7 @@ def test_a_sine_reads_its_amplitude_and_no_offset(
     time = np.arange(1000) / 1000
     signal = (offset + amplitude * np.sin(2 * np.pi * line * time + phase))[None]
     frequency, spectrum = amplitude_spectrum(signal, 1000.0)
+
     assert frequency[line] == line
     assert spectrum[0, line] == pytest.approx(amplitude, rel=1e-6)
     assert spectrum[0, line + 1] == pytest.approx(amplitude / 2, rel=1e-6)  # Hann's neighbors
@@ -83,6 +85,7 @@ def test_every_line_of_a_steady_shaft_reads_its_amplitude(
     order = np.array(orders)
     amplitudes = np.random.default_rng(1).uniform(0.5, 2, len(order))
     spectrum = order_spectrum(turning(order, amplitudes, revolutions + 0.1), RATE, SHAFT, order)
+
     np.testing.assert_allclose(spectrum.amplitude[0], amplitudes, rtol=0.02)
     np.testing.assert_allclose(spectrum.frequency, order * SHAFT)
     np.testing.assert_array_equal(spectrum.orders, order)
@@ -97,9 +100,12 @@ def test_lines_smeared_by_a_jittering_speed_read_their_amplitude(
     amplitudes = np.random.default_rng(2).uniform(0.5, 2, len(order))
     signal = turning(order, amplitudes, revolutions, jitter=0.005)
     spectrum = order_spectrum(signal, RATE, SHAFT, order)
+
     np.testing.assert_allclose(spectrum.amplitude[0], amplitudes, rtol=0.03)
+
     plain = amplitude_spectrum(signal, RATE)
     highest = np.argmin(np.abs(plain[0] - order[-1] * SHAFT))
+
     assert (
         plain[1][0, highest] < 0.8 * amplitudes[-1]
     )  # a line of the plain spectrum loses what is smeared
@@ -112,11 +118,14 @@ def test_the_noise_under_a_line_is_taken_away() -> None:
         for s in range(60)
     ]
     power = np.mean([draw.amplitude**2 for draw in draws], axis=0)
+
     np.testing.assert_allclose(power, 1.0, rtol=0.06)
+
     width = 0.006 * 21 * SHAFT + 2.5 * SHAFT / 25
     raised = 1 + 2 * 10.0**2 * 2 * width / (
         RATE / 2
     )  # what the band over the last line would read with its noise
+
     assert raised > 1.15
 
 
@@ -130,6 +139,7 @@ def test_the_claimed_deviation_is_the_scatter_over_repeated_noise(noise: float) 
     ]
     scatter = np.std([draw.amplitude[0] for draw in draws], axis=0, ddof=1)
     claimed = np.sqrt(np.mean([draw.deviation[0] ** 2 for draw in draws], axis=0))
+
     assert np.all(claimed > 0.7 * scatter)
     assert np.all(claimed < 1.8 * scatter)
 
@@ -167,6 +177,7 @@ def test_a_synchronous_signal_is_the_sum_of_its_cosines(
     angle = start + rng.uniform(0, 0.3, 500).cumsum()
     expected = np.real(lines @ np.exp(1j * order[:, None] * angle))
     signal = synchronous_signal(lines, order, angle)
+
     assert np.all(
         np.abs(signal - expected).max(axis=-1) <= 0.005 * np.abs(lines).sum(axis=-1) + 1e-12
     )
@@ -180,6 +191,7 @@ def test_a_band_keeps_what_is_inside_unshifted_and_removes_the_rest(
     low, inside, above = (np.sin(2 * np.pi * frequency * time) for frequency in (5, 300, 4000))
     limited = band_limited((low + inside + above)[None], RATE, 100.0, high)[0]
     expected = inside + above if is_inside else inside
+
     np.testing.assert_allclose(limited[1000:-1000], expected[1000:-1000], atol=0.01)
 
 
@@ -188,6 +200,7 @@ def test_a_known_shift_is_found(shift: int, seed: int) -> None:
     turn = np.random.default_rng(seed).standard_normal((2, 50))
     simulated = np.tile(turn, 4)
     measured = 3 * simulated[:, shift : shift + 150]
+
     np.testing.assert_array_equal(3 * aligned(measured, simulated), measured)
 
 
@@ -195,6 +208,7 @@ def test_a_known_shift_is_found(shift: int, seed: int) -> None:
 def test_the_papers_errors_have_their_special_values(scale: float, seed: int) -> None:
     measured = np.random.default_rng(seed).standard_normal((3, 64))
     lines = np.abs(measured)
+
     assert (waveform_rmse(measured, measured), peak_error(measured, measured)) == (0, 0)
     assert spectrum_value_error(lines, lines) == 0
     assert waveform_rmse(measured, measured + scale) == pytest.approx(scale)
@@ -218,5 +232,6 @@ def test_the_correlation_of_levels_ignores_gain_and_what_lies_in_the_noise() -> 
     assert spectral_correlation(measured, 5 * measured) > 0.98
     assert spectral_correlation(measured, 1 / measured) < -0.9
     assert spectral_correlation(measured, np.ones_like(measured)) == 0.0
+
     silent = measured * (measured > 1e-3)
     assert spectral_correlation(measured, silent) == pytest.approx(1.0)

@@ -48,6 +48,7 @@ def tabs(browser: Any, address: str, **settings: Any) -> Iterator[Any]:
     page.on("console", lambda said: errors.append(said.text) if _is_error(said) else None)
     yield page
     context.close()
+
     assert errors == []
 
 
@@ -76,6 +77,7 @@ def check_access(
     axe = pytest.importorskip(
         "axe_playwright_python.sync_playwright", reason="axe is not installed"
     ).Axe()
+
     for tab in tabs(browser, address, color_scheme=scheme):
         for place in places:
             enter(tab, place)
@@ -84,4 +86,5 @@ def check_access(
                 for violation in axe.run(tab).response["violations"]
                 if violation["impact"] in ("serious", "critical")
             }
+
             assert serious == {}, place

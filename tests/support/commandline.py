@@ -36,6 +36,7 @@ def write_tone(path: Path, frequency: float, count: int = 600, rate: float = 200
         count
     )
     np.savetxt(path, samples, header="x", comments="", fmt="%.6f")
+
     return path
 
 
@@ -44,6 +45,7 @@ def write_tones(folder: Path, count: int) -> Path:
     for label, frequency in (("normal", 100), ("piston", 300)):
         for number in range(1, count + 1):
             write_tone(folder / f"{label}_{number}.csv", frequency)
+
     return folder
 
 
@@ -52,7 +54,9 @@ def run(*words: object, code: int = 0) -> Result:
     result = CliRunner().invoke(app, [str(word) for word in words])
     if result.exit_code == INTERRUPTED != code:
         raise KeyboardInterrupt  # Ctrl-C ends the tests, not the command alone
+
     assert result.exit_code == code, result.output
+
     if code == 3:
         assert not PYTHON_WORDS.search(result.stderr), result.stderr
     return result
@@ -70,4 +74,5 @@ def one_line(result: Result) -> str:
     lines = [line for line in result.stderr.splitlines() if line.startswith("swashtwin: ")]
     assert len(lines) == 1
     assert "Traceback" not in result.stderr
+
     return lines[0]

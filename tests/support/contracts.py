@@ -35,6 +35,7 @@ class FrontDoor(Contract):
             for imported in sorted(graph.find_modules_directly_imported_by(importer))
             if _room(importer) != _room(imported) and imported != _room(imported)
         ]
+
         return ContractCheck(kept=not trespasses, metadata={"trespasses": trespasses})
 
     def render_broken_contract(self, check: ContractCheck) -> None:
@@ -63,12 +64,14 @@ class DoorNames(Contract):
             for home in sorted(set(_homes(module)))
             if self._refuses(home)
         ]
+
         return ContractCheck(kept=not imports, metadata={"imports": imports})
 
     def _refuses(self, home: str) -> bool:
         is_neighbor = _is_within(home, self.source.rpartition(".")[0]) and not _is_within(
             home, self.source
         )
+
         return is_neighbor or any(
             _is_within(home, name) or _is_within(name, home) for name in self.forbidden
         )
@@ -100,6 +103,7 @@ def _home(module: str, name: str) -> str:
             for alias in node.names:
                 if (alias.asname or alias.name) == name:
                     return _home(_imported(module, node), alias.name)
+
     return f"{module}.{name}"
 
 
@@ -125,4 +129,5 @@ def _file(module: str) -> Path | None:
         return None
     path = Path(find_spec(root).submodule_search_locations[0]).joinpath(*names)
     files = (path / "__init__.pyi", path / "__init__.py", path.with_name(f"{path.name}.py"))
+
     return next((file for file in files if file.is_file()), None)

@@ -5,7 +5,8 @@ import re
 from httpx import Response
 from starlette.testclient import TestClient
 
-HEALTHY, WORN = "recordings/A_normal_15MPa_1.h5", "recordings/A_swash_plate_15MPa_1.h5"
+HEALTHY = "recordings/A_normal_15MPa_1.h5"
+WORN = "recordings/A_swash_plate_15MPa_1.h5"
 
 
 def token(client: TestClient) -> str:

@@ -64,9 +64,11 @@ def write_workspace(plant: Sequence[Recording], folder: Path) -> None:
         )
         for recording in plant
     }
+
     for name, recordings in indexes.items():
         paths = [files[recording.recording_id].relative_to(folder) for recording in recordings]
         write_index(recordings, paths, folder / f"{name}.toml")
+
     (folder / "csv").mkdir()
     for recording in indexes["pair"][:4]:
         rows = "\n".join(f"{value:.6f}" for value in recording.signal[0, :4000])

@@ -21,6 +21,7 @@ def file_recordings(url: str, folder: Path, machine: str, count: int) -> None:
     history = History.open(url, folder, RETENTION)
     point = next(iter(history.reader.operating_points(machine)), None)
     filed = (point.test if point and point.test else {}).get("filed", 0)
+
     for number in range(max(0, filed - 1), count):
         facts = judgment(number)
         path = history.waveforms.write(machine, facts.time, facts.content, waveform(number))
@@ -32,6 +33,7 @@ def file_recordings(url: str, folder: Path, machine: str, count: int) -> None:
             recording = transaction.add_recording(facts, {("x", "rms"): float(number)}, path)
             transaction.save_operating_point("a", test={"filed": filed + 1})
             transaction.post("log", {"recording": recording})
+
     history.close()
 
 
@@ -52,4 +54,5 @@ def send_messages(url: str, folder: Path, target: Path) -> None:
                 file.write(f"{message.id}\n")
                 file.flush()
                 history.outbox.mark_sent(message.id)
+
     history.close()

@@ -53,6 +53,7 @@ def hostile_cards(card: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
             if name == "missing":
                 del inner[path[-1]]
             yield f"{'.'.join(path)} {name}", changed
+
     for name, change in CONTRADICTIONS.items():
         changed = json.loads(json.dumps(card))
         change(changed)
@@ -96,6 +97,7 @@ CONTRADICTIONS: dict[str, Change] = {
 
 def with_confidence(classifier: FittedClassifier) -> FittedClassifier:
     """The same classifier with a confidence by ten recordings of three windows."""
-    probability, target = np.tile([[0.8, 0.2], [0.3, 0.7]], (15, 1)), np.arange(30) // 3 % 2
+    probability = np.tile([[0.8, 0.2], [0.3, 0.7]], (15, 1))
+    target = np.arange(30) // 3 % 2
     confidence = cross_fitted_confidence(probability, np.arange(30) // 3, target, np.arange(10.0))
     return replace(classifier, confidence=confidence)

@@ -21,6 +21,7 @@ def judgment(number: int, **changes: Any) -> Judgment:
         "received": time + timedelta(seconds=2), "source": "folder", "file": f"{number}.wav", "channels": ["x", "y"],
         "unit": "m/s^2", "sample_rate": 1000.0, "duration": 0.1, "state": "normal", "point": "1500 rpm, 15 MPa",
     }  # fmt: skip
+
     return Judgment(**{**facts, **changes})
 
 
@@ -39,4 +40,5 @@ def rejection(file: str, content: str, **changes: Any) -> Rejection:
         "reason": "broken",
     }
     facts |= {"file": file, "content": content, "detail": "no header"}
+
     return Rejection(**{**facts, **changes})

@@ -41,6 +41,7 @@ class Broker:
             stderr=subprocess.DEVNULL,
         )
         end = time.monotonic() + 10
+
         while time.monotonic() < end:
             try:
                 socket.create_connection((self.host, self.port), 1).close()
@@ -48,6 +49,7 @@ class Broker:
                 time.sleep(0.02)
             else:
                 return
+
         raise RuntimeError("mosquitto does not listen")
 
     def stop(self) -> None:

@@ -33,12 +33,14 @@ class Plant:
 
     def _built(self, name: str, build: Callable[[Path], object]) -> Path:
         """A file or folder of this name, built where it is not there yet."""
-        path, mark = self._folder / name, self._folder / f".{name}.done"
+        path = self._folder / name
+        mark = self._folder / f".{name}.done"
         with (self._folder / f".{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not mark.exists():
                 build(path)
                 mark.touch()
+
         return path
 
     @property

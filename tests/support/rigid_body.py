@@ -17,12 +17,15 @@ def rigid_motions(pump: Pump) -> Float[np.ndarray, "13 5"]:
         Dof.ROTOR_X: pump.positions.rotor,
         Dof.RETAINER_X: 0.0,
     }
+
     for first, center in centers.items():
         motions[first : first + 3, :3] = np.eye(3)
         for axis in (0, 1):
             motions[first : first + 3, 3 + axis] = np.cross(np.eye(3)[axis], [0.0, 0.0, center])
+
     for axis in (0, 1):
         motions[Dof.SHELL_TILT_X + axis, 3 + axis] = motions[Dof.ROTOR_TILT_X + axis, 3 + axis] = (
             1.0
         )
+
     return motions

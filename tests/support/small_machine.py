@@ -8,7 +8,9 @@ from swashtwin.foundation import MPa, random_stream
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
-RATE, SHAFT, CHANNELS = 4000.0, 20.0, ("x", "y", "z")
+RATE = 4000.0
+SHAFT = 20.0
+CHANNELS = ("x", "y", "z")
 
 
 class Machine:
@@ -34,6 +36,7 @@ class Machine:
         ).sum(axis=1)
         signal = signal + 0.05 * 10 ** (rng.normal(0, 0.3) / 20) * rng.normal(size=signal.shape)
         condition = OperatingCondition(2 * math.pi * SHAFT, MPa(10))
+
         return Recording(
             signal, RATE, f"r{number}", channels=CHANNELS, condition=condition, specimen="A"
         )

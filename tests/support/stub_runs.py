@@ -45,6 +45,7 @@ def windows(labels: tuple[str, ...] = CLASSES) -> WindowSet:
         for label in labels
         for i in range(3)
     ]
+
     return cut_windows(recordings, length=80, classes=CLASSES)
 
 
@@ -73,6 +74,7 @@ def run(
         {"split": at, "repeat": 0, **build_score_row(each, each.recall["swash_plate"])}
         for at, each in scores.items()
     ]
+
     return {
         "format": FORMAT, "key": task.key, **asdict(task), "rows": rows, "classes": list(CLASSES),
         "history": [asdict(Epoch(i, 1.5 / i, 1 - 0.8 / i)) for i in range(1, 6)] if is_network else [], "values": {},

@@ -28,6 +28,7 @@ def tiny(study: str = "case1", **changes: Any) -> Plan:
     }
     scenario = replace(plan.scenario, windows=2, held_out=1, method=GaussNewton(starts=1), **few)
     models = {name: NETWORK if model.is_network else FOREST for name, model in plan.models.items()}
+
     return replace(plan, **{"scenario": scenario, "models": models, **changes})
 
 

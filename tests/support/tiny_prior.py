@@ -18,7 +18,8 @@ def write_prior(path: Path, healthy: Recording, worn: Recording) -> Path:
     """Path of a prior whose piston wear changes levels as from one recording to the other, and
     whose cylinder block changes them the other way round.
     """
-    rng, pump = np.random.default_rng(0), load_pump("25scy14-1b")
+    rng = np.random.default_rng(0)
+    pump = load_pump("25scy14-1b")
     step = np.nan_to_num(
         np.subtract(*(order_band_powers(item, OrderBands(PISTONS)) for item in (worn, healthy)))
     )
@@ -36,4 +37,5 @@ def write_prior(path: Path, healthy: Recording, worn: Recording) -> Path:
         speed=(10.0, 500.0),
         pressure=(1e6, 5e7),
     )
+
     return replace(prior, channels=healthy.channels).save(path)

@@ -28,6 +28,7 @@ def hum(
         np.sin(2 * np.pi * 225 * order * time + random.uniform(0, 6)) / order for order in (1, 2, 3)
     )
     signal = np.stack([gain * tone + random.normal(size=time.size) for _ in channels])
+
     return Recording(
         signal.astype(np.float32).astype(float), rate, f"hum-{seed}", channels=tuple(channels)
     )
@@ -62,4 +63,5 @@ def watch_config(
     ]
     (folder / "incoming").mkdir(parents=True, exist_ok=True)
     (folder / "watch.toml").write_text("\n".join([*lines, text]), encoding="utf-8")
+
     return load_watch_config(folder / "watch.toml")

@@ -52,6 +52,7 @@ def _hide() -> None:
                 raise ImportError(f"{name} is not there on Windows")
             if name in modules:
                 return modules[name]
+
         return real_import(name, globals, *others, **options)
 
     builtins.__import__ = import_

@@ -20,7 +20,8 @@ def windows(
     seed: int, *, tone: float = 0.0, gain: float = 1.0, per_recording: int = 10, recordings: int = 6
 ) -> WindowSet:
     """Noise of two classes, of which `piston` has a tone of frequency `tone`."""
-    rng, count = random_stream(seed, "likeness"), per_recording * recordings
+    rng = random_stream(seed, "likeness")
+    count = per_recording * recordings
     target = np.arange(count) // per_recording % 2
     signal = rng.normal(size=(count, 2, 256))
     signal += (
@@ -28,6 +29,7 @@ def windows(
         * target[:, None, None]
         * np.sin(2 * np.pi * tone * np.arange(256) + 6.28 * rng.random((count, 1, 1)))
     )
+
     return WindowSet(
         signal=(gain * signal).astype(np.float32),
         target=target.astype(np.int64),
@@ -55,6 +57,7 @@ def test_a_gain_of_a_decibel_in_every_line_is_a_distance_of_a_decibel() -> None:
     louder = replace(
         quiet, signal=quiet.signal * np.array([[10**0.05], [10**0.15]], dtype=np.float32)
     )
+
     np.testing.assert_allclose(spectral_distance(quiet, louder), [1.0, 3.0], atol=1e-3)
     np.testing.assert_array_equal(spectral_distance(quiet, quiet), 0.0)
 
@@ -74,6 +77,7 @@ def test_a_recording_is_not_recognized_by_windows_of_its_own() -> None:
     other = synthetic_windows(1, recordings=12)
     spread = np.exp(random_stream(1, "levels").normal(0, 1, 120)).astype(np.float32)
     synthetic = replace(other, signal=other.signal * spread[:, None, None])
+
     assert discriminative_score(measured, synthetic, seed=0) < 0.75
 
 
@@ -93,6 +97,7 @@ def test_the_report_names_the_features_that_give_windows_away() -> None:
         windows(1), signal=windows(1).signal * np.array([[1.0], [3.0]], dtype=np.float32)
     )
     report = measure_fidelity(measured, louder, seed=0)
+
     assert report.auroc is not None
     assert report.auroc > 0.98
     assert all(

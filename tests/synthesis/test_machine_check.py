@@ -61,7 +61,9 @@ def test_another_speed_or_pressure_is_refused_unless_it_is_named_on_purpose(
         InputError, match=r"The twin runs at 1500 rev/min, but the recordings specify 860 rev/min"
     ):
         require_same_machine(twin, [faster], [same])
+
     assert require_same_machine(twin, [faster], [same], speed=False) == ()
+
     higher = twin.condition.replace(discharge_pressure=MPa(28))
     with pytest.raises(
         InputError, match=r"The twin runs at 28 MPa, but the recordings specify 15 MPa\. Calibrate"
@@ -69,6 +71,7 @@ def test_another_speed_or_pressure_is_refused_unless_it_is_named_on_purpose(
         require_same_machine(
             twin, [higher], cut_windows([same], length=1024, allow_partial_revolution=True)
         )
+
     assert require_same_machine(twin, [twin.condition, higher], [same]) == ()
 
 
@@ -80,6 +83,7 @@ def test_a_stated_number_of_pistons_is_compared_without_looking_at_the_lines(
         InputError, match=r"rec-0 is of a pump with 9 pistons, the twin \(25scy14-1b\) has 7. Cal"
     ):
         require_same_machine(twin, [twin.condition], [nine])
+
     seven = nine.replace(attributes={"pistons": "7"})
     assert require_same_machine(twin, [twin.condition], [seven]) == ()
 
@@ -101,6 +105,7 @@ def test_lines_alone_show_another_pump_where_nothing_is_stated(
 def test_noise_shows_nothing_and_that_is_said(twin: Twin, same: Recording) -> None:
     noise = same.replace(signal=np.random.default_rng(0).normal(size=same.signal.shape))
     (note,) = require_same_machine(twin, [twin.condition], [noise])
+
     assert "do not show the number of pistons" in note
     assert "that of the twin (7) cannot be checked" in note
 
@@ -114,9 +119,11 @@ def test_training_refuses_synthetic_windows_of_another_speed(twin: Twin, same: R
         seed=0,
         background="none",
     )
+
     with pytest.raises(
         InputError, match=r"synthetic windows run at 1500 rev/min, .* recordings specify 860"
     ):
         require_shared_speed(measured, synthetic)
+
     require_shared_speed(replace(measured, speed=np.full(len(measured), np.nan)), synthetic)
     require_shared_speed(measured, replace(synthetic, speed=np.full(2, twin.condition.speed)))

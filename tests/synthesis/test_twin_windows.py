@@ -50,6 +50,7 @@ def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
 def test_synthetic_windows_join_the_measured_ones(twin: Twin, measured: WindowSet) -> None:
     synthetic = simulate_windows(twin, count=4, like=measured, seed=0)
     windows = measured + synthetic
+
     assert windows.synthetic.sum() == 4
     assert set(windows.label[windows.synthetic]) == {"swash_plate"}
     np.testing.assert_allclose(synthetic.discharge_pressure, MPa(15))
@@ -62,6 +63,7 @@ def test_the_same_seed_gives_the_same_windows_and_another_seed_others(
     first, again, other = (
         simulate_windows(twin, count=2, like=measured, seed=seed).signal for seed in (0, 0, 1)
     )
+
     np.testing.assert_array_equal(first, again)
     assert np.abs(first - other).max() > 0.1
 
@@ -77,6 +79,7 @@ def test_a_window_does_not_depend_on_those_made_beside_it(
     )
     monkeypatch.setattr(synthesis, "_CHUNK", 2)
     chunked = simulate_windows([twin, other], count=7, like=measured, seed=0)
+
     np.testing.assert_array_equal(many.signal[:3], few.signal)
     np.testing.assert_array_equal(many.signal, chunked.signal)
     np.testing.assert_array_equal(many.recording_id, chunked.recording_id)
@@ -90,6 +93,7 @@ def test_without_variation_and_noise_a_window_is_the_twin_s_simulation(
         twin, count=2, like=measured, seed=0, variation=STILL, background="none"
     ).signal
     simulated = twin.simulate(2048 / 25600, 25600.0).signal
+
     np.testing.assert_allclose(bare.std(axis=2), np.tile(simulated.std(axis=1), (2, 1)), rtol=0.05)
 
 
@@ -105,6 +109,7 @@ def test_the_background_has_the_level_of_the_measured_noise(
 
     at_15 = measured.discharge_pressure == MPa(15)
     normal = measured.subset(at_15 & (measured.label == "normal"))
+
     np.testing.assert_allclose(above_6_kHz(synthetic), above_6_kHz(normal), rtol=0.25)
 
 
@@ -120,17 +125,20 @@ def test_windows_have_the_gain_of_the_healthy_machine_and_causes_are_told_apart(
     heard = slice(
         0, 2
     )  # the third channel, silent in the twin, tells no gain: what it measures is cross-talk
+
     np.testing.assert_allclose(
         loud.signal[:, heard], 3 * plain.signal[:, heard], rtol=1e-3, atol=1e-4
     )
     assert plain.measured_healthy is not None
     assert plain.simulate_healthy is not None
+
     healthy = plain.measured_healthy, plain.simulate_healthy()
     deaf = (
         replace(plain, signal=plain.signal / 2),
         replace(healthy[1], signal=healthy[1].signal / 2),
     )
     quieter = causes(plain, deaf[0], 7, (healthy[1], deaf[1]))
+
     assert quieter == pytest.approx(
         {"law": 0, "path": 6.02, "floor": 6.02, "variation": 0}, abs=0.01
     )
@@ -144,6 +152,7 @@ def test_a_strong_line_between_bins_does_not_raise_the_background_far_from_it(
     loud = replace(measured.subset(np.array([0])), signal=(noise + line).astype(np.float32))
     background = background_noise(loud, twin).draw(random_stream(0, "drawn"))
     far = [np.abs(np.fft.rfft(signal, axis=-1))[..., 400:-1] for signal in (background, noise[0])]
+
     assert np.sqrt(np.mean(far[0] ** 2)) < 1.5 * np.sqrt(np.mean(far[1] ** 2))
 
 
@@ -156,6 +165,7 @@ def test_severity_spreads_as_asked(twin: Twin, measured: WindowSet) -> None:
         ).signal.std(axis=2)[:, 0]
         for v in (calm, wild)
     ]
+
     assert levels[1].std() > 5 * levels[0].std()
 
 
@@ -166,13 +176,16 @@ def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pum
         simulate_windows(
             twin.with_fault(PistonWear(clearance=um(40))), count=1, like=measured, seed=0
         )
+
     with pytest.raises(InputError, match="at least 1"):
         simulate_windows(twin, count=0, like=measured, seed=0)
+
     deaf = replace(twin, pump=replace(pump, sensors=pump.sensors[:1]))
     with pytest.raises(
         InputError, match="'body_y' of the windows is not among the twin's sensors \\(cover_z\\)"
     ):
         simulate_windows(deaf, count=1, like=measured, seed=0)
+
     only_synthetic = simulate_windows(twin, count=2, like=measured, seed=0)
     with pytest.raises(InputError, match="set background='none'"):
         simulate_windows(twin, count=1, like=only_synthetic, seed=0)
@@ -200,6 +213,7 @@ def test_windows_of_a_posterior_are_those_of_its_draws(
         background="none",
         posterior=[posterior],
     )
+
     for window, draw in zip(
         synthetic.signal,
         posterior.twins(twin, 3, derive_seed(4, "posterior", "swash_plate", 0)),
@@ -208,6 +222,7 @@ def test_windows_of_a_posterior_are_those_of_its_draws(
         simulated = simulate_windows(
             draw, count=3, like=measured, seed=4, variation=STILL, background="none"
         )
+
         assert np.sqrt(np.mean((simulated.signal - window) ** 2, axis=(1, 2))).min() < 1e-4
         assert np.abs(simulated.signal.std(axis=-1) - window.std(axis=-1)).max(axis=1).min() < 1e-4
 
@@ -226,6 +241,7 @@ def calibration(pump: Pump) -> Calibration:
         )
         for number, condition in enumerate(points)
     ]
+
     return calibrate(pump, recordings, method=GaussNewton(starts=1, max_iterations=4), **SIX_VALUES)
 
 
@@ -234,20 +250,25 @@ def test_a_calibration_and_a_fault_are_enough(
 ) -> None:
     fault = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
     windows = synthesize(calibration, fault, count=4, like=measured, background="spectrum")
+
     assert set(windows.label) == {"swash_plate"}
     assert windows.synthetic.all()
     np.testing.assert_array_equal(windows.discharge_pressure, [MPa(10), MPa(15)] * 2)
+
     twins = [calibration.twin.with_fault(fault).at(fit.condition) for fit in calibration.fits]
     simulated = simulate_windows(
         twins, count=4, like=measured, seed=0, posterior=[calibration.posterior] * 2
     )
+
     np.testing.assert_array_equal(windows.signal, simulated.signal)
     assert windows.fidelity is not None
     assert (windows.fidelity.pressures, windows.fidelity.n_synthetic) == ((MPa(10), MPa(15)), 4)
     assert len(measured + windows) == len(measured) + 4
+
     elsewhere = synthesize(calibration, None, count=2, like=measured, pressure=MPa(5))
     np.testing.assert_array_equal(elsewhere.discharge_pressure, MPa(5))
     assert not any("The calibration read" in note for note in windows.notes)
+
     of_one = replace(
         calibration,
         posterior=replace(
@@ -256,6 +277,7 @@ def test_a_calibration_and_a_fault_are_enough(
         ),
     )
     noted = synthesize(of_one, fault, count=1, like=measured, values="nominal").notes[-1]
+
     assert noted.startswith(
         "The calibration read cover_z, but not body_y, body_x: the gains of these are those of the pump"
     )
@@ -267,10 +289,12 @@ def test_recordings_are_cut_into_windows_that_the_synthetic_ones_are_like(
     healthy = Twin(pump, twin.condition, bandwidth=2600)
     recordings = [replace(recording_of(healthy, seed=seed), synthetic=False) for seed in range(2)]
     windows = synthesize(healthy, twin.fault, count=2, like=recordings)
+
     assert windows.classes == ("normal", "swash_plate")
     assert windows.signal.shape == (2, 3, 2048)
     assert windows.fidelity is None  # no recording of the class
     assert windows.sample_rate == 6400.0
+
     short = synthesize(healthy, None, count=1, like=recordings, window=1024)
     assert short.length == 1024
     assert set(short.label) == {"normal"}

@@ -30,12 +30,12 @@ from swashtwin.pump.parameters import Bearings, Positions, Pump, Rated, Sensor, 
 
 FORMAT = 1
 
+# Tables that every pump file has, and what each holds.
 _SECTIONS: dict[str, type] = {
     name: kind
     for name, kind in get_type_hints(Pump).items()
     if isinstance(kind, type) and is_dataclass(kind)
 }
-"""Tables that every pump file has, and what each holds."""
 
 MAY_BE_ZERO = ("piston_eccentricity", "air_fraction", "rotor_eccentricity")
 

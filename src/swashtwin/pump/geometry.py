@@ -5,10 +5,11 @@ import math
 from swashtwin.foundation import InputError
 from swashtwin.pump.parameters import Oil, Pump, RotatingGroup, ValvePlate
 
+# Steepest groove [rad] that a cutter with a flank can mill.
 _MAX_GROOVE_SLOPE = math.radians(60)
-"""Steepest groove [rad] that a cutter with a flank can mill."""
+
+# Angle [rad] between the groove's flanks at which they no longer form a groove.
 _MAX_GROOVE_FLANK = math.pi
-"""Angle [rad] between the groove's flanks at which they no longer form a groove."""
 
 
 def require_sound_geometry(pump: Pump) -> None:

@@ -9,12 +9,13 @@ from swashtwin.foundation import InputError, plain_text
 CLASSES = ("normal", "swash_plate", "cylinder_block", "piston", "valve_plate")
 """The paper's five classes, in its order."""
 
+# What people call the class of a machine that nothing is wrong with.
 _HEALTHY = (
     "healthy", "ok", "okay", "good", "baseline", "intact", "undamaged", "faultless", "fault_free", "no_fault",
     "no_defect", "gesund", "gut", "in_ordnung", "io", "i_o", "fehlerfrei", "unbeschädigt", "intakt", "sain", "bon",
     "sans_défaut", "sano", "bueno", "sin_fallo", "正常", "健康", "完好",
 )  # fmt: skip
-"""What people call the class of a machine that nothing is wrong with."""
+
 ALIASES = {
     **dict.fromkeys(_HEALTHY, CLASSES[0]),
     **dict.fromkeys(("swashplate", "swash"), "swash_plate"),
@@ -24,6 +25,9 @@ ALIASES = {
     "slipper": "loose_slipper",
 }
 """Other names in use for the classes; read, never written."""
+
+# Words for a part in English, German, French, Spanish and Chinese, without accents; the first class
+# that fits is meant, so that a `Kolbentrommel` is no piston.
 _PARTS = {
     "cylinder_block": ("cylinder_block", "cylinder_barrel", "zylinderblock", "zylindertrommel", "kolbentrommel",
                        "bloc_cylindre", "barillet", "bloque_de_cilindro", "barrilete", "缸体"),
@@ -35,19 +39,17 @@ _PARTS = {
                     "配流盘", "配油盘"),
     "piston": ("piston", "plunger", "kolben", "embolo", "柱塞", "活塞"),
 }  # fmt: skip
-"""Words for a part in English, German, French, Spanish and Chinese, without accents; the first
-class that fits is meant, so that a ``Kolbentrommel`` is no piston.
-"""
 
+# Words for the whole machine, which name no part of it.
 _MACHINES = re.compile(
     r"(axial|radial)?_?(piston_pump|pump_piston|kolbenpumpe\w*|kolbenmaschine\w*|pompe_a_pistons?|bomba_de_pistones)"
     r"|柱塞泵|活塞泵"
 )
-"""Words for the whole machine, which name no part of it."""
+
+# Words by which a label may say that its part is sound; a person must decide.
 _SOUND = re.compile(
     r"(^|_)(no|non|not|ohne|kein\w*|sans|sin|without|new|neu\w*|ok|okay|good|gut\w*|healthy|intact|intakt)(_|$)|无|正常|新"
 )
-"""Words by which a label may say that its part is sound; a person must decide."""
 
 
 def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:

@@ -151,6 +151,7 @@ def read_nameplate(
     )
 
 
+# Section and numbers that scale, their law in the ratios of the module's docstring, and why.
 _LAW_TABLE = """
 rotating_group piston_diameter | D | bores keep their share of the pitch circle
 rotating_group pitch_radius | L | set by the nameplate's displacement
@@ -182,7 +183,6 @@ interfaces.piston_bore damping | N S | sheared film of equal proportions
 interfaces.piston_bore stiffness | N D^2/S | fluid columns
 sensors position | L | as the length; say where yours are
 """
-"""Section and numbers that scale, their law in the ratios of the module's docstring, and why."""
 
 
 def _read_laws(table: str) -> dict[str, tuple[str, str]]:
@@ -195,8 +195,8 @@ def _read_laws(table: str) -> dict[str, tuple[str, str]]:
     return laws
 
 
+# (law, reason) of each number that scales, by its path.
 _LAWS = _read_laws(_LAW_TABLE)
-"""(law, reason) of each number that scales, by its path."""
 
 
 def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:

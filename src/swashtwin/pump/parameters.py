@@ -347,16 +347,19 @@ _TRADE = {
     "m": ("mm", 1e-3), "m^3": ("cm^3", 1e-6), "rad": ("deg", math.pi / 180), "rad/s": ("rpm", math.pi / 30),
     "Pa": ("MPa", 1e6), "m^3/s": ("L/min", 1e-3 / 60),
 }  # fmt: skip
+
+# Shorter lengths are gaps, and written in um.
 _MAX_GAP_M = 1e-4
-"""Shorter lengths are gaps, and written in um."""
+
 _DIGITS = 6
 _EXACT_DIGITS = 12
+
+# Numbers that set the displacement, which must equal the nameplate's to all digits.
 _EXACT = (
     "rotating_group.piston_diameter",
     "rotating_group.pitch_radius",
     "rotating_group.swash_angle",
 )
-"""Numbers that set the displacement, which must equal the nameplate's to all digits."""
 
 
 def format_quantity(value: float, unit: str, digits: int = _DIGITS) -> str:

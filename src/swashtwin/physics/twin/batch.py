@@ -20,8 +20,8 @@ from swashtwin.physics.steady import HarmonicBalance, SteadySolver
 from swashtwin.physics.twin.model import Twin
 from swashtwin.physics.twin.response import Drive, require_positive, respond, rows_of
 
+# Twins are solved together where none has more than so many times the orders of another.
 _ALIKE = 1.5
-"""Twins are solved together where none has more than so many times the orders of another."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -154,8 +154,9 @@ WORKSPACE = 64 * 2**20
 """Bytes that one chunk may take, its gradient included; larger batches are computed chunk by
 chunk.
 """
+
+# Bytes that one line of one row takes: a dozen complex vectors.
 _LINE_BYTES = 12 * N_DOF * 16
-"""Bytes that one line of one row takes: a dozen complex vectors."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,34 +31,43 @@ from swashtwin.recordings.formats.time_column import (
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Seconds of each unit of time; no slip of one letter turns one into another."""
+
+# Names of a column with the time, with or without its unit at the end.
 _TIME_NAME = re.compile(
     r"(?:x[_ ]?value|t|epoch|(?=milli|micro|nano)"
     r"|(?:elapsed|rel(?:ative)?|abs(?:olute)?|sample|measurement)?[_ ]?(?:time|zeit)(?:[_ ]?stamps?)?)"
     r"(?:[_ ]?(?<![a-z])(s|sec|seconds|ms|msec|us|usec|ns)|[_ ]?((?:milli|micro|nano)s(?:econds)?))?(?:[_ ]?\d+)?",
     re.IGNORECASE,
 )
-"""Names of a column with the time, with or without its unit at the end."""
+
 _COUNTER_NAME = re.compile(
     r"(?:index|samples?|sample[_ ]?(?:no|number|index)|count(?:er)?|cnt|nr?|no|row|point|column_0)\.?|#|",
     re.IGNORECASE,
 )
+
+# Names of columns that rise evenly, as the time does, and are another quantity.
 _OTHER_AXIS = re.compile(
     r"(?:^|[^a-z])(?:angle|winkel|distance|weg|position|order|ordnung|freq(?:uency)?|frequenz)(?:[^a-z]|$)",
     re.IGNORECASE,
 )
-"""Names of columns that rise evenly, as the time does, and are another quantity."""
+
+# Names of the first vector of a matrix, and of an abscissa.
 _FIRST_VECTOR = re.compile(r"\(:,1\)$|\(1,:\)$|/0$|^X$")
-"""Names of the first vector of a matrix, and of an abscissa."""
+
+# Unit of a count since 1970 in this century, by its minimum; the maximum is ten times that.
 _EPOCHS = {1e9: "s", 1e12: "ms", 1e15: "us", 1e18: "ns"}
-"""Unit of a count since 1970 in this century, by its minimum; the maximum is ten times that."""
+
+# Days of a spreadsheet (since 1900), and of MATLAB (since year 0), in this century.
 _DAY_RANGES = ((20_000.0, 80_000.0), (700_000.0, 800_000.0))
-"""Days of a spreadsheet (since 1900), and of MATLAB (since year 0), in this century."""
+
+# A column without a name that gives a higher rate is not a clock.
 _MAX_UNNAMED_RATE_HZ = 1e8
-"""A column without a name that gives a higher rate is not a clock."""
+
+# A shorter column may rise evenly by chance.
 _MIN_CLOCK_SAMPLES = 16
-"""A shorter column may rise evenly by chance."""
+
+# Samples at the beginning by which the kind of a column is decided.
 _HEAD_SAMPLES = 1000
-"""Samples at the beginning by which the kind of a column is decided."""
 
 
 @dataclass(frozen=True)

@@ -41,18 +41,24 @@ from swashtwin.recordings.recording import Recording
 
 polars: Any = load_extra("polars", "readers", "a text table")
 
+# Longest line, and bytes at the beginning in which the head lies.
 _MAX_HEAD_BYTES = 1 << 24
-"""Longest line, and bytes at the beginning in which the head lies."""
+
+# Lines of the head below those in which the first row is searched.
 _FURTHER_HEAD_LINES = 40
-"""Lines of the head below those in which the first row is searched."""
+
+# Characters of the header that are kept as an attribute.
 _MAX_HEADER_ATTRIBUTE = 2000
-"""Characters of the header that are kept as an attribute."""
+
+# Bytes of text per byte of a gzipped file; more is not a measurement.
 _MAX_EXPANSION = 300
-"""Bytes of text per byte of a gzipped file; more is not a measurement."""
+
+# Text that any gzipped file may hold.
 _UNLIMITED_TEXT_BYTES = 1 << 28
-"""Text that any gzipped file may hold."""
+
+# Memory per byte of text: the lines, their fields, and the numbers.
 _BYTES_IN_MEMORY = 3
-"""Memory per byte of text: the lines, their fields, and the numbers."""
+
 _FORTRAN_EXPONENT = re.compile(rb"(?<=\d|\.)[dD](?=[+-]?\d)")
 
 

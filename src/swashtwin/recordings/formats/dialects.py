@@ -16,8 +16,9 @@ from swashtwin.recordings.formats.raw_file import ReadOptions
 from swashtwin.recordings.formats.sample_units import normalize_unit, recognize_unit
 from swashtwin.recordings.formats.time_stamps import is_date, is_stamp
 
+# Separators, the least likely to stand within a text first.
 _SEPARATORS = ("\t", ";", "|", ",", " ")
-"""Separators, the least likely to stand within a text first."""
+
 NUMBER = {
     ".": re.compile(
         r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity|∞)", re.IGNORECASE
@@ -35,17 +36,24 @@ THOUSANDS = re.compile(r"[+-]?\d{1,3}([. ']\d{3})+(,\d+)?|[+-]?\d{1,3}([, ']\d{3
 """A number with marks for thousands."""
 HEAD_LINES = 1000
 """Lines among which the first row is searched."""
+
+# Lines at the end of the head that decide what the columns hold.
 _TAIL_LINES = 40
-"""Lines at the end of the head that decide what the columns hold."""
+
+# More different texts in a column are not names of sensors.
 _MAX_SENSORS = 8
-"""More different texts in a column are not names of sensors."""
+
+# Headings of columns that name the sensor of a row.
 _SENSOR_NAME = re.compile(
     r"(?:sensor|channel|node|device|module|ch|addr\w*)?[ _]?(?:id|no|nr)|sensor|node", re.IGNORECASE
 )
-"""Headings of columns that name the sensor of a row."""
+
 _LABVIEW_HEADER_END = "***End_of_Header***"
+
+# Last headings for which rows may lack a column: LabVIEW writes one for comments.
 _OPTIONAL_HEADINGS = ("", "Comment")
-"""Last headings for which rows may lack a column: LabVIEW writes one for comments."""
+
+# Types of numbers that a line below the headings may name; they are not headings.
 _TYPE_NAMES = (
     "float",
     "float32",
@@ -59,12 +67,11 @@ _TYPE_NAMES = (
     "int32",
     "string",
 )
-"""Types of numbers that a line below the headings may name; they are not headings."""
-_MIN_ROWS = {" ": 8}
-"""Minimum rows of a table with a column of words, two by default.
 
-A few lines of prose can have equally many words.
-"""
+# Minimum rows of a table with a column of words, two by default.
+#
+# A few lines of prose can have equally many words.
+_MIN_ROWS = {" ": 8}
 
 
 class Kind(Enum):
@@ -496,8 +503,8 @@ def _fits(fields: list[str], kinds: Sequence[Kind], decimal: str) -> bool:
     return has_number
 
 
+# Kinds whose fields have a form of their own, in the order in which they are tried.
 _TESTED = (Kind.number, Kind.stamp, Kind.date)
-"""Kinds whose fields have a form of their own, in the order in which they are tried."""
 
 
 def _has_kind(field: str, kind: Kind, decimal: str) -> bool:

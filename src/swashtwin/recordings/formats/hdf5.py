@@ -34,10 +34,12 @@ KIND = "swashtwin recording "
 FORMAT = f"{KIND}3"
 STORE_FORMAT = f"{STORE_KIND}2"
 CONDITION = ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
+
+# Unpacked chunks of a file that are kept: those of a slice of all channels.
 _CACHE_BYTES = 1 << 24
-"""Unpacked chunks of a file that are kept: those of a slice of all channels."""
+
+# Samples of one chunk of the file, which has one checksum.
 _CHUNK_SAMPLES = 16384
-"""Samples of one chunk of the file, which has one checksum."""
 
 
 def read(path: Path, options: ReadOptions) -> RawFile:

@@ -10,11 +10,10 @@ import h5py
 from swashtwin.foundation import DataError, require_memory
 from swashtwin.recordings.formats.raw_file import require_plausible_size
 
+# Oldest and newest layout of files that are written: it has checksums.
+#
+# A damaged file of an older layout can send the HDF5 library into an endless loop.
 _LAYOUT = ("v110", "v110")
-"""Oldest and newest layout of files that are written: it has checksums.
-
-A damaged file of an older layout can send the HDF5 library into an endless loop.
-"""
 
 
 def open_file(path: Path, cache_bytes: int) -> h5py.File:

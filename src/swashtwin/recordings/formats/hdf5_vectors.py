@@ -14,10 +14,11 @@ from swashtwin.recordings.formats.named_arrays import NAME_LISTS, UNIT_LISTS, at
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.sample_units import recognize_unit
 
+# Vectors of a matrix; more make it an image, or a table of something else.
 _MAX_COLUMNS = 10_000
-"""Vectors of a matrix; more make it an image, or a table of something else."""
+
+# Characters of a text that is kept as an attribute; a longer one is a file within the file.
 _MAX_FACT_LENGTH = 200
-"""Characters of a text that is kept as an attribute; a longer one is a file within the file."""
 
 
 def read_vectors(path: Path, file: h5py.File, options: ReadOptions) -> RawFile:

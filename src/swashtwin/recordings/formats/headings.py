@@ -27,8 +27,10 @@ _RATE_NAME = re.compile(
 )
 BARE_RATE = re.compile(r"rate|freq\w*", re.IGNORECASE)
 """Names that may be a sample rate, or the frequency of something else."""
+
+# Up to this, what is called a frequency only is that of the mains, a filter or the shaft.
 _MIN_BARE_RATE_HZ = 200.0
-"""Up to this, what is called a frequency only is that of the mains, a filter or the shaft."""
+
 _STEP_NAME = re.compile(
     r"(?:delta|[\u03b4\u2206])[ _]?[tx]|dt|ts|(?:t|(?:sampl\w*|time)[ _-]?)(?:interval|period|step|increment|time)"
     r"|(?:wf_)?increment|h[ _-]?resolution",
@@ -45,8 +47,10 @@ _QUANTITY = re.compile(
 )
 GROUPED = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+")
 """A number that may be one above a thousand, or one with three decimals."""
+
+# Separator of two quantities: a comma before one to three digits may be a decimal one.
 _LIST_SEPARATOR = re.compile(r"[;\t]|(?<=[^\d\s]),|,(?!\d{1,3}(?!\d))")
-"""Separator of two quantities: a comma before one to three digits may be a decimal one."""
+
 _PER_VOLT = re.compile(r"([mu]?V)\s*/\s*\(?([^()]+?)\)?")
 
 

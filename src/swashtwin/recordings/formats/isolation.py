@@ -35,16 +35,21 @@ from swashtwin.recordings.formats.raw_file import (
     require_unchanged,
 )
 
+# Time limit for a request about an empty file; damaged files can loop without an end.
 _READ_TIMEOUT_S = 30.0
-"""Time limit for a request about an empty file; damaged files can loop without an end."""
+
+# Slowest reading [byte/s] of a sound file, which adds to the time limit of large files.
 _MIN_READ_SPEED = 2e6
-"""Slowest reading [byte/s] of a sound file, which adds to the time limit of large files."""
+
 _MAX_OPEN_FILES = 64
+
+# Samples in memory of all open files [byte].
 _MAX_OPEN_BYTES = 1 << 28
-"""Samples in memory of all open files [byte]."""
+
 _KEEPS_FILES_OPEN = os.name != "nt"
+
+# Columns of a file of measurements; a damaged header can state billions.
 _MAX_COLUMNS = 10_000
-"""Columns of a file of measurements; a damaged header can state billions."""
 
 
 @dataclass(frozen=True)
@@ -233,8 +238,8 @@ class _OpenFile:
     """Samples in memory [byte]."""
 
 
+# Files by their paths, the one that was requested last at the end.
 _open_files: dict[str, _OpenFile] = {}
-"""Files by their paths, the one that was requested last at the end."""
 
 
 def _open_file(source: _Source) -> Mapping[str, RawFile]:

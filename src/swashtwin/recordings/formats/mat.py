@@ -16,12 +16,13 @@ from swashtwin.recordings.formats.named_arrays import sort_variables
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.recording import Recording
 
+# Kinds of variables that are not objects.
 _PLAIN_KINDS = ("double", "single", "logical", "char", "cell", "struct", "sparse", "unknown", *(
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 ))  # fmt: skip
-"""Kinds of variables that are not objects."""
+
+# Testlab's name of the unit; the step of the time is in its structure `x_values`.
 _TESTLAB_UNIT = re.compile(r"quantity\.label$")
-"""Testlab's name of the unit; the step of the time is in its structure ``x_values``."""
 
 
 def read(path: Path, options: ReadOptions) -> RawFile:

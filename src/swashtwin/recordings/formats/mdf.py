@@ -15,8 +15,8 @@ from swashtwin.recordings.recording import Recording
 
 asammdf: Any = load_extra("asammdf", "mdf", "an MDF file")
 
+# Quantity of a master channel that is not the time, by its kind of synchronization.
 _MASTER_QUANTITIES = {2: "angle", 3: "distance", 4: "samples"}
-"""Quantity of a master channel that is not the time, by its kind of synchronization."""
 
 
 def read(path: Path, options: ReadOptions) -> RawFile:

@@ -22,8 +22,10 @@ NAME_LISTS = ("names", "channels", "channel_names", "channelnames", "labels", "t
 UNIT_LISTS = ("unit", "units", "unit_string")
 """Names of a list that has a unit for each vector of a matrix."""
 _START_NAMES = ("start_time", "starttime", "wf_start_time", "t0", "start")
+
+# First number of a field of a MATLAB file that stands for an object elsewhere in the file.
 _MATLAB_REFERENCE = 0xDD000000
-"""First number of a field of a MATLAB file that stands for an object elsewhere in the file."""
+
 _PATH_SEPARATOR = re.compile(r"[./]")
 _CELL = re.compile(r"(.*)\((\d+)\)")
 _INDEX = re.compile(r"\(.*\)$")

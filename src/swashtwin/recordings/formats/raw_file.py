@@ -15,13 +15,14 @@ STORE_KIND = "swashtwin store "
 """Format name, before its version, of an HDF5 file of many recordings."""
 SAMPLE_RATE_RANGE_HZ = (1e-3, 1e9)
 """Lowest and highest sample rate that any instrument measures at."""
-_MAX_COMPRESSION = 100
-"""Maximum ratio of unpacked to packed size of a file of measurements.
 
-Noise packs to a half of its size, a dead channel to less; a bomb of zeros packs to a thousandth.
-"""
+# Maximum ratio of unpacked to packed size of a file of measurements.
+#
+# Noise packs to a half of its size, a dead channel to less; a bomb of zeros packs to a thousandth.
+_MAX_COMPRESSION = 100
+
+# Rates that converters divide by whole numbers: a third of 51.2 kHz has no short decimal form.
 _CONVERTER_RATES_HZ = (51200.0, 65536.0, 48000.0, 44100.0, 100000.0)
-"""Rates that converters divide by whole numbers: a third of 51.2 kHz has no short decimal form."""
 
 
 def file_stamp(path: Path) -> tuple[int, int, int]:

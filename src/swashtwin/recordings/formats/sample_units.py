@@ -2,10 +2,11 @@
 
 from swashtwin.foundation import UnitError, is_unit, parse_quantity
 
+# m/s^2 per common unit: most files are read without loading the registry of units (0.3 s).
 _COMMON_FACTORS = {"m/s^2": 1.0, "g": 9.80665}
-"""m/s^2 per common unit: most files are read without loading the registry of units (0.3 s)."""
 
 # fmt: off
+# Spelling used here of units as people write them, in small letters.
 _SPELLINGS = {
     "g's": "g", "gs": "g", "g_n": "g", "gn": "g", "volts": "V", "volt": "V", "amps": "A", "amp": "A", "ms-2": "m/s^2",
     "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/sec^2": "m/s^2", "m/sec2": "m/s^2", "m*s^-2": "m/s^2", "m s-2": "m/s^2",
@@ -19,7 +20,7 @@ _SPELLINGS = {
 } | {
     unit.lower(): unit for unit in ("g", "s", "ms", "us", "ns", "m/s^2", "mm/s^2", "V", "mV", "bar", "Hz", "kHz", "rpm")
 }
-"""Spelling used here of units as people write them, in small letters."""
+
 # fmt: on
 
 SAMPLE_UNITS = (

@@ -11,6 +11,7 @@ from swashtwin.foundation import DataError
 from swashtwin.recordings.columns import Column, LazyColumn
 from swashtwin.recordings.formats.raw_file import ReadOptions
 
+# Names of scales that may be applied already or not, and the value that makes no difference.
 _UNKNOWN_SCALES = {
     **dict.fromkeys(
         ("scale", "scaling", "slope", "gain", "multiplier", "factor", "conversion", "scalefactor"),
@@ -19,8 +20,10 @@ _UNKNOWN_SCALES = {
     **dict.fromkeys(("calibration", "calibration_factor"), 1.0),
     **dict.fromkeys(("offset", "bias", "intercept"), 0.0),
 }
-"""Names of scales that may be applied already or not, and the value that makes no difference."""
+
 _MISSING_NAMES = ("_fillvalue", "fill_value", "missing_value")
+
+# Scales, missing values, and bounds of valid values by the CF conventions (cfconventions.org).
 _CF_SCALES = (
     "scale_factor",
     "add_offset",
@@ -29,10 +32,11 @@ _CF_SCALES = (
     "valid_min",
     "valid_max",
 )
-"""Scales, missing values, and bounds of valid values by the CF conventions (cfconventions.org)."""
+
 SCALE_NAMES = (*_CF_SCALES, *_UNKNOWN_SCALES)
+
+# The date of a calibration, which is not a scale.
 _DATE = re.compile(r"\d{4}-\d\d|\d[./]\d{1,2}[./]\d{2}")
-"""The date of a calibration, which is not a scale."""
 
 
 def unknown_scale(facts: Mapping[str, Any]) -> str:

@@ -20,8 +20,9 @@ nptdms: Any = load_extra("nptdms", "readers", "a TDMS file")
 
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _CLOCK_PROPERTIES = ("wf_start_time", "wf_start_offset", "wf_increment")
+
+# Gap between two parts of a channel up to which the second continues the first.
 _MAX_GAP_S = 1e-3
-"""Gap between two parts of a channel up to which the second continues the first."""
 
 History = list[tuple[int, dict[str, Any]]]
 """Properties of a channel, each with the sample from which they hold."""
@@ -57,8 +58,8 @@ def read(path: Path, options: ReadOptions) -> RawFile:
     return raw
 
 
+# Warnings of npTDMS, such as that it ignores a scale.
 _warnings: list[str] = []
-"""Warnings of npTDMS, such as that it ignores a scale."""
 
 
 @cache

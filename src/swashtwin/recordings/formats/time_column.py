@@ -16,19 +16,26 @@ MEDIAN_SAMPLES = 1 << 18
 """Samples, spread over the whole column, of which a median is taken."""
 NO_UNIT = "its times have no unit"
 """Beginning of the doubt about times that a specified rate or unit removes."""
+
+# Times without a unit that give a lower rate may as well be milliseconds, or ticks.
 _MAX_DOUBTED_RATE_HZ = 20.0
-"""Times without a unit that give a lower rate may as well be milliseconds, or ticks."""
+
+# Recordings of one table; a clock that begins again more often is broken.
 _MAX_PARTS = 100
-"""Recordings of one table; a clock that begins again more often is broken."""
+
+# Times beyond it are since 1970, and need their digits for the steps between them.
 _EPOCH_THRESHOLD_S = 1e6
-"""Times beyond it are since 1970, and need their digits for the steps between them."""
+
+# Relative tolerance of a rate: clocks of instruments are no better.
 _MIN_TOLERANCE = 1e-6
-"""Relative tolerance of a rate: clocks of instruments are no better."""
+
 _MAX_TOLERANCE = 0.01
+
+# Samples at each end of a column by which the digits of its times are counted.
 _DIGIT_SAMPLES = 1000
-"""Samples at each end of a column by which the digits of its times are counted."""
+
+# Relative distance from the median within which a step counts as one sample.
 _REGULAR_BAND = 0.25
-"""Relative distance from the median within which a step counts as one sample."""
 
 
 def read_time_column(

@@ -24,8 +24,10 @@ _CLOCK_FIELDS = (
     r"(?P<hour>\d+):(?P<minute>\d+)(?::(?P<second>\d+(?:[.,]\d+)?))?\s?(?:(?P<half>[AaPp])[Mm])?"
     r"(?:(?P<offset>[+-]\d{2})(?::?(?P<offset_minute>\d{2}))?$)?"
 )
+
+# Orders of day, month and year, the European one first.
 _DATE_ORDERS = ("%d-%m-%Y", "%m-%d-%Y", "%Y-%m-%d", "%d-%m-%y", "%m-%d-%y")
-"""Orders of day, month and year, the European one first."""
+
 _DAY_S = 86_400.0
 
 

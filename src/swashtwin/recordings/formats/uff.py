@@ -15,10 +15,13 @@ pyuff: Any = load_extra("pyuff", "readers", "a universal file")
 
 _FUNCTION_SET = 58
 _TIME_RESPONSE = 1
+
+# Data type of an abscissa that is the time.
 _TIME_ABSCISSA = 17
-"""Data type of an abscissa that is the time."""
+
+# Largest absolute error of the mantissa of a step that is written with six digits.
 _STEP_ROUNDING = 5e-6
-"""Largest absolute error of the mantissa of a step that is written with six digits."""
+
 _DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
 
 

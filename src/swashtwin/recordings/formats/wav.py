@@ -14,12 +14,16 @@ from swashtwin.recordings.recording import Recording
 
 soundfile: Any = load_extra("soundfile", "readers", "a WAV file")
 
+# Code of a format whose sample type follows further down in its chunk.
 _EXTENSIBLE = 0xFFFE
-"""Code of a format whose sample type follows further down in its chunk."""
+
+# Codes of formats whose frames all have one size: integers, floats, and extensible.
 _FIXED_SIZE_FORMATS = (1, 3, _EXTENSIBLE)
-"""Codes of formats whose frames all have one size: integers, floats, and extensible."""
+
+# Sample types that single precision holds exactly.
 _SINGLE_PRECISION = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT")
-"""Sample types that single precision holds exactly."""
+
+# Sample types of soundfile by format code and bits.
 _SUBTYPES = {
     (1, 8): "PCM_U8",
     (1, 16): "PCM_16",
@@ -28,11 +32,12 @@ _SUBTYPES = {
     (3, 32): "FLOAT",
     (3, 64): "DOUBLE",
 }
-"""Sample types of soundfile by format code and bits."""
+
+# Stated size [byte] from which a header was written before the length was known.
 _MIN_UNKNOWN_SIZE = 0x7FFFF000
-"""Stated size [byte] from which a header was written before the length was known."""
+
+# Beginning of a file in which its chunks are searched.
 _HEAD_BYTES = 1 << 16
-"""Beginning of a file in which its chunks are searched."""
 
 
 def read(path: Path, options: ReadOptions) -> RawFile:

@@ -155,5 +155,5 @@ def test_a_periodic_part_too_large_for_the_iteration_is_refused(matrices: Matric
     term = PeriodicTerm(1, stiffness * 5 + 0j)
     with pytest.raises(InputError, match="reduce the severity"):
         periodic_steady_state(
-            HarmonicBalance(), mass, damping, stiffness, 90.0, force, [term], most=20
+            HarmonicBalance(), mass, damping, stiffness, 90.0, force, [term], max_iterations=20
         )

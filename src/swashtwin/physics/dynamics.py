@@ -55,8 +55,8 @@ SHELL = slice(Dof.SHELL_X, Dof.SHELL_TILT_Y + 1)
 """Degrees of freedom of the shell, which the sensors sit on."""
 
 Topology = Literal["T1", "T2"]
-"""T1 (default): slippers move with the retainer, so that swash plate, retainer and rotor are in
-series.
+"""T1 (default): slippers move with the retainer: swash plate, retainer and rotor are in series.
+
 T2: slippers are rigid with the rotor."""
 
 _AXES = np.eye(3)
@@ -102,12 +102,11 @@ class Structure:
         bearing: Float[Tensor, "*#batch"] | float = 1.0,
         parts: Float[Tensor, "*#batch 7"] | None = None,
     ) -> Float[Tensor, "*batch 13 13"]:
-        """K [N/m] for interface `values` in the order of `pump.PARAMETERS`.
+        """Return K [N/m] for interface `values` in the order of `pump.PARAMETERS`.
 
         Parameters
         ----------
-        mount, bearing : factors on the mounting's and the bearings' stiffness, 1 where they are as
-        the pump file says.
+        mount, bearing : factors on the stiffness of mounting and bearings in the pump file.
         parts : further factors on each of `support_parts`; None is 1.
         """
         stiffness = (
@@ -118,6 +117,8 @@ class Structure:
         )
         if parts is None:
             return stiffness
+
+        # Added as changes, so that factors of 1 leave the bits of the sum above.
         mounts, bearings = (parts - 1)[..., None, None].split((4, 3), dim=-3)
         mounting = _column(mount) * (mounts * self.support_parts[:4]).sum(dim=-3)
         return (
@@ -127,45 +128,54 @@ class Structure:
         )
 
     def damping(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 13 13"]:
-        """C [N s/m] for interface `values` in the order of `pump.PARAMETERS`."""
+        """Return C [N s/m] for interface `values` in the order of `pump.PARAMETERS`."""
         return self._interfaces(values[..., Value.SLIPPER_SWASH_DAMPING :: 2]) + self.fixed_damping
 
     def _interfaces(self, factors: Tensor) -> Tensor:
-        """Sum of the interfaces' shapes; unlike a matrix product, of the same bits in any batch."""
+        """Return the sum of the interfaces' shapes, each times its factor."""
+        # Unlike a matrix product, this sum has the same bits in any batch.
         return (factors[..., None, None] * self.interface_shapes).sum(dim=-3)
 
     def to(self, device: torch.device | str, dtype: torch.dtype) -> "Structure":
-        """The same matrices on `device` in `dtype`; itself where they are so already."""
+        """Return the matrices on `device` in `dtype`, or this object if they already are."""
         if self.mass.device == torch.device(device) and self.mass.dtype == dtype:
             return self
         return Structure(
-            **{item.name: getattr(self, item.name).to(device, dtype) for item in fields(self)}
+            **{matrix.name: getattr(self, matrix.name).to(device, dtype) for matrix in fields(self)}
         )
 
 
 def _column(factor: Tensor | float) -> Tensor | float:
+    """Return a factor of each of the batch in the shape in which it multiplies matrices."""
     return factor[..., None, None] if isinstance(factor, Tensor) else factor
 
 
 def cast_like(
     tensor: Shaped[Tensor, "*shape"], like: Float[Tensor, "..."]
 ) -> Shaped[Tensor, "*shape"]:
-    """`tensor`, real or complex, on the device and in the precision of `like`."""
-    return tensor.to(like.device, like.dtype.to_complex() if tensor.is_complex() else like.dtype)
+    """Return `tensor`, real or complex, on the device and in the precision of `like`."""
+    dtype = like.dtype.to_complex() if tensor.is_complex() else like.dtype
+    return tensor.to(like.device, dtype)
 
 
 def displacement_rows(
     pump: Pump, body: str, point: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, "3 13"]:
-    """Displacement of the point `point` [m] of body ``"F"``, ``"C"`` or ``"P"`` per unit of each
-    coordinate.
+    """Return the displacement of a point of a body per unit of each coordinate.
+
+    Parameters
+    ----------
+    body : ``"F"``, ``"C"`` or ``"P"``.
+    point : position of the point [m].
     """
     first = {"F": Dof.SHELL_X, "C": Dof.ROTOR_X, "P": Dof.RETAINER_X}[body]
     center = {"F": pump.positions.shell, "C": pump.positions.rotor, "P": 0.0}[body]
-    rotation = (
-        Dof.ROTOR_TILT_X if body == "C" else Dof.SHELL_TILT_X
-    )  # the retainer turns with the swash plate
-    x, y, z = point[0], point[1], point[2] - center
+    # The retainer turns with the swash plate: a retainer without rotation would be an inertial
+    # anchor, and damp the rocking mode five times too much.
+    rotation = Dof.ROTOR_TILT_X if body == "C" else Dof.SHELL_TILT_X
+
+    x, y = point[:2]
+    z = point[2] - center
     rows = np.zeros((3, N_DOF))
     rows[:, first : first + 3] = np.eye(3)
     rows[:, rotation] += (0.0, -z, y)
@@ -174,26 +184,33 @@ def displacement_rows(
 
 
 def _between(
-    pump: Pump, direction: np.ndarray, body: str, other: str | None, point: np.ndarray
+    pump: Pump, direction: np.ndarray, body: str, opposite: str | None, point: np.ndarray
 ) -> Float[np.ndarray, " 13"]:
+    """Return the displacement of `body` at a point against `opposite`; None is the ground."""
     row = direction @ displacement_rows(pump, body, point)
-    return row if other is None else row - direction @ displacement_rows(pump, other, point)
+    if opposite is None:
+        return row
+    return row - direction @ displacement_rows(pump, opposite, point)
 
 
 def piston_points(pump: Pump, angle: float = 0.0) -> Float[np.ndarray, "piston 3"]:
-    """Slipper centers on the swash plane [m] when piston 0 is `angle` [rad] past top dead
-    center.
+    """Return the slipper centers on the swash plane [m].
+
+    Parameters
+    ----------
+    angle : shaft angle of piston 0 past top dead center [rad].
     """
     group = pump.rotating_group
     phi = angle + 2 * np.pi * np.arange(group.piston_count) / group.piston_count
-    radius, slope = group.pitch_radius, math.tan(group.swash_angle)
+    radius = group.pitch_radius
+    slope = math.tan(group.swash_angle)
     return np.stack(
         [radius * np.sin(phi), radius * np.cos(phi), radius * slope * np.cos(phi)], axis=1
     )
 
 
 def swash_normal(pump: Pump) -> Float[np.ndarray, " 3"]:
-    """Unit normal of the swash plate, toward the pistons."""
+    """Return the unit normal of the swash plate, toward the pistons."""
     angle = pump.rotating_group.swash_angle
     return np.array([0.0, -math.sin(angle), math.cos(angle)])
 
@@ -201,8 +218,9 @@ def swash_normal(pump: Pump) -> Float[np.ndarray, " 3"]:
 def slipper_swash_shape(
     pump: Pump, topology: str, angle: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outer-product matrix (13, 13) of the slippers' normal contact, and its mean coefficient
-    vector (13,).
+    """Return the outer-product matrix and the mean vector of the slippers' normal contact.
+
+    Of shapes (13, 13) and (13,).
     """
     body = "P" if topology == "T1" else "C"
     rows = [
@@ -213,7 +231,7 @@ def slipper_swash_shape(
 
 
 def block_valve_shape(pump: Pump) -> np.ndarray:
-    """Outer-product matrix (13, 13) of the valve plate film, a ring of axial springs."""
+    """Return the outer-product matrix (13, 13) of the valve plate film, a ring of axial springs."""
     axial = _between(pump, _AXES[2], "C", "F", np.array([0.0, 0.0, pump.positions.valve_plate]))
     shape = np.outer(axial, axial)
     for rotor, shell in (
@@ -221,14 +239,16 @@ def block_valve_shape(pump: Pump) -> np.ndarray:
         (Dof.ROTOR_TILT_Y, Dof.SHELL_TILT_Y),
     ):
         tilt = np.zeros(N_DOF)
-        tilt[rotor], tilt[shell] = 1.0, -1.0
+        tilt[rotor] = 1.0
+        tilt[shell] = -1.0
         shape += pump.valve_plate.film_radius**2 / 2 * np.outer(tilt, tilt)
     return shape
 
 
 def piston_bore_shape(pump: Pump, angle: float = 0.0) -> np.ndarray:
-    """Outer-product matrix (13, 13) of the pistons in their bores, axial at each piston and lateral
-    in the mean.
+    """Return the outer-product matrix (13, 13) of the pistons in their bores.
+
+    Axial at each piston, and lateral in the mean.
     """
     points = piston_points(pump, angle)
     rows = [_between(pump, _AXES[2], "P", "C", point) for point in points]
@@ -240,18 +260,25 @@ def piston_bore_shape(pump: Pump, angle: float = 0.0) -> np.ndarray:
 
 
 def _mount(pump: Pump) -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness parts along x, y, z and in tilt (4, 13, 13), and the damping of all (13, 13)."""
-    mount, masses = pump.mount, pump.masses
+    """Return the mounting's stiffness parts (4, 13, 13), and its damping (13, 13).
+
+    The parts act along x, y and z, and in tilt.
+    """
+    mount = pump.mount
+    masses = pump.masses
     total = masses.shell + masses.rotor + masses.retainer
     arm = pump.positions.mount - pump.positions.shell
     inertia = masses.shell_inertia + masses.shell * arm**2
-    parts, damping = np.zeros((4, N_DOF, N_DOF)), np.zeros((N_DOF, N_DOF))
+
+    parts = np.zeros((4, N_DOF, N_DOF))
+    damping = np.zeros((N_DOF, N_DOF))
     point = np.array([0.0, 0.0, pump.positions.mount])
     stiffnesses = (mount.stiffness_x, mount.stiffness_y, mount.stiffness_z)
     for part, axis, value in zip(parts[:3], _AXES, stiffnesses, strict=True):
         row = _between(pump, axis, "F", None, point)
         part += value * np.outer(row, row)
         damping += 2 * mount.damping_ratio * math.sqrt(value * total) * np.outer(row, row)
+
     for rotation in (Dof.SHELL_TILT_X, Dof.SHELL_TILT_Y):
         parts[3, rotation, rotation] += mount.stiffness_tilt
         damping[rotation, rotation] += (
@@ -261,8 +288,9 @@ def _mount(pump: Pump) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bearings(pump: Pump) -> np.ndarray:
-    """Stiffness parts of the first, the second, and all further bearings, the axial one included
-    (3, 13, 13).
+    """Return the stiffness parts (3, 13, 13) of the first, second and all further bearings.
+
+    The axial stiffness belongs to the last part.
     """
     bearings = pump.bearings
     parts = np.zeros((3, N_DOF, N_DOF))
@@ -279,14 +307,17 @@ def _bearings(pump: Pump) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def assemble(pump: Pump, topology: str = "T1") -> Structure:
-    """Structure of `pump`, float64; the same object for equal pumps, so not to be written into.
+    """Return the structure of `pump` in float64.
+
+    Equal pumps get the same object, so its matrices must not be written to.
 
     Parameters
     ----------
     topology : see `Topology`.
     """
     if topology not in ("T1", "T2"):
-        raise InputError(f"topology {topology!r} is unknown; choose 'T1' or 'T2'.")
+        raise InputError(f"Invalid topology {topology!r}: must be 'T1' or 'T2'.")
+
     masses = pump.masses
     diagonal = (
         [masses.shell] * 3
@@ -297,11 +328,12 @@ def assemble(pump: Pump, topology: str = "T1") -> Structure:
     slipper_shape, slipper_vector = slipper_swash_shape(pump, topology)
     mounts, mount_damping = _mount(pump)
     bearings = _bearings(pump)
-    mount_stiffness, bearing_stiffness = mounts.sum(axis=0), bearings.sum(axis=0)
+    mount_stiffness = mounts.sum(axis=0)
+    bearing_stiffness = bearings.sum(axis=0)
     spring = _between(pump, _AXES[2], "P", "C", np.zeros(3))
     rows = [
-        np.array(s.direction) @ displacement_rows(pump, "F", np.array(s.position))
-        for s in pump.sensors
+        np.array(sensor.direction) @ displacement_rows(pump, "F", np.array(sensor.position))
+        for sensor in pump.sensors
     ]
 
     def tensor(array: np.ndarray) -> Tensor:
@@ -324,21 +356,22 @@ def assemble(pump: Pump, topology: str = "T1") -> Structure:
 
 
 def off_axis_vector(pump: Pump, topology: str, angle: float) -> Float[np.ndarray, " 13"]:
-    """Coefficients of what a slipper at shaft angle `angle` [rad] loads beyond the mean contact: a
-    moment.
+    """Return the coefficients of the moment by which one slipper's load differs from the mean's.
 
     T1: the axial piston-bore element at the defect, less its mean. T2: the slipper's contact there,
     less its mean.
+
+    Parameters
+    ----------
+    angle : shaft angle of the slipper [rad].
     """
     group = pump.rotating_group
-    point = np.array(
-        [math.sin(angle), math.cos(angle), math.tan(group.swash_angle) * math.cos(angle)]
-    )
+    slope = math.tan(group.swash_angle)
+    point = np.array([math.sin(angle), math.cos(angle), slope * math.cos(angle)])
     point = group.pitch_radius * point
     if topology == "T1":
-        return _between(pump, _AXES[2], "P", "C", point) - _between(
-            pump, _AXES[2], "P", "C", np.zeros(3)
-        )
-    return (
-        _between(pump, swash_normal(pump), "C", "F", point) - slipper_swash_shape(pump, topology)[1]
-    )
+        mean = _between(pump, _AXES[2], "P", "C", np.zeros(3))
+        return _between(pump, _AXES[2], "P", "C", point) - mean
+
+    mean = slipper_swash_shape(pump, topology)[1]
+    return _between(pump, swash_normal(pump), "C", "F", point) - mean

@@ -1,6 +1,4 @@
-"""Motion of a linear system under forces at complex frequencies, with exact derivatives of any
-order.
-"""
+"""Motion of a linear system under forces at complex frequencies, with derivatives of any order."""
 
 import math
 from typing import Any, no_type_check
@@ -12,18 +10,20 @@ from torch import Tensor
 
 from swashtwin.foundation import InputError, compiled
 
-ROWS = 8192
-"""Systems that are factored at once where pivots are needed; 22 MB of matrices in double
-precision.
-"""
+MAX_DENSE_SYSTEMS = 8192
+"""Systems that `torch.linalg.solve` gets at a time: 22 MB of matrices in double precision."""
+
 LANES = 32
-"""Systems that are eliminated side by side, so that the vector unit is full."""
-GROWTH = 1e3
-"""Growth of an entry beyond its natural size at which elimination without pivots is given up."""
-ROUNDING = 1e-14
-"""Entry, or difference between K_ij and K_ji, that is nothing but rounding; in units of the root of
-K_ii K_jj.
+"""Systems that compiled elimination solves side by side, so that the vector unit is full."""
+
+MAX_GROWTH = 1e3
+"""Growth of an entry beyond its natural size at which elimination without pivots is given up.
+
+Elimination loses as many digits as entries grow: three of sixteen at this limit.
 """
+
+ROUNDING = 1e-14
+"""Size of an entry, or of K_ij - K_ji, that is only rounding, in units of the root of K_ii K_jj."""
 
 
 def receptance(
@@ -33,22 +33,22 @@ def receptance(
     s: Complex[Tensor, "*#batch line"],
     force: Complex[Tensor, "*#batch line n"],
 ) -> Complex[Tensor, "*#batch line n"]:
-    """Displacement amplitudes X = (M s^2 + C s + K)^-1 F at each complex frequency s [1/s].
+    """Return the displacements X = (M s^2 + C s + K)^-1 F at each complex frequency s [1/s].
 
-    Differentiable with respect to every argument, any number of times: the backward pass is a call
-    of this very function, and what it keeps is forces and motions, never a matrix a line. Leading
-    axes broadcast.
+    Differentiable with respect to every argument, any number of times: the backward pass calls this
+    function again, and stores forces and motions, never a matrix for each line. Leading axes
+    broadcast.
 
     In double precision on a CPU, symmetric systems are solved by compiled elimination without
-    pivots, coordinates that nothing couples apart from each other. That is safe for K and C
-    positive definite; a line at which entries grow by more than 1e3 is solved again with pivots,
-    and so is every system that is not symmetric. Elsewhere `torch.linalg.solve` does the work,
-    `ROWS` matrices at a time.
+    pivots, separately for groups of coordinates that nothing couples. That is safe if K and C are
+    positive definite; a line at which entries grow by more than `MAX_GROWTH` is solved again with
+    pivots, and so is every system that is not symmetric. In single precision and on other devices
+    `torch.linalg.solve` does the work, `MAX_DENSE_SYSTEMS` matrices at a time.
 
     Raises
     ------
     InputError
-        A system is singular: a line lies on a resonance without damping, or nothing holds the pump.
+        A system is singular: a line lies on an undamped resonance, or nothing holds the pump.
     """
     return _Receptance.apply(mass, damping, stiffness, s, force)
 
@@ -64,70 +64,84 @@ class _Receptance(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        """With a = (M s^2 + C s + K)^-H g: the gradients are a for F, -Re(conj(a) x^T) for K, and
-        so on.
+        """Return the gradients, from the adjoint a = (M s^2 + C s + K)^-H g.
+
+        They are a for F, -Re(conj(a) x^T) for K, that times s for C and times s^2 for M, and
+        -conj((2 s M + C) x) . a for s.
         """
         mass, damping, stiffness, s, force, motion = ctx.saved_tensors
-        of_mass, of_damping, of_stiffness, of_s, of_force = ctx.needs_input_grad
+        needs_mass, needs_damping, needs_stiffness, needs_s, needs_force = ctx.needs_input_grad
         adjoint = receptance(mass.mT, damping.mT, stiffness.mT, s.conj(), grads[0])
-        left, velocity = -adjoint.mH, s[..., None] * motion
-        turned = (
-            (velocity @ (2 * mass.mT).to(s.dtype) + motion @ damping.mT.to(s.dtype))
-            if of_s
-            else motion
-        )
-        return (
-            (left @ (s[..., None] * velocity)).real.sum_to_size(mass.shape) if of_mass else None,
-            (left @ velocity).real.sum_to_size(damping.shape) if of_damping else None,
-            (left @ motion).real.sum_to_size(stiffness.shape) if of_stiffness else None,
-            -(adjoint * turned.conj()).sum(dim=-1).sum_to_size(s.shape) if of_s else None,
-            adjoint.sum_to_size(force.shape) if of_force else None,
-        )
+        negative_adjoint = -adjoint.mH
+        velocity = s[..., None] * motion
+        grad_mass = grad_damping = grad_stiffness = grad_s = grad_force = None
+
+        if needs_mass:
+            acceleration = s[..., None] * velocity
+            grad_mass = (negative_adjoint @ acceleration).real.sum_to_size(mass.shape)
+        if needs_damping:
+            grad_damping = (negative_adjoint @ velocity).real.sum_to_size(damping.shape)
+        if needs_stiffness:
+            grad_stiffness = (negative_adjoint @ motion).real.sum_to_size(stiffness.shape)
+        if needs_s:
+            slope = velocity @ (2 * mass.mT).to(s.dtype) + motion @ damping.mT.to(s.dtype)
+            grad_s = -(adjoint * slope.conj()).sum(dim=-1).sum_to_size(s.shape)
+        if needs_force:
+            grad_force = adjoint.sum_to_size(force.shape)
+        return grad_mass, grad_damping, grad_stiffness, grad_s, grad_force
 
 
 def _solve(mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Tensor) -> Tensor:
-    leading = (damping.shape[:-2], stiffness.shape[:-2], s.shape[:-1], force.shape[:-2])
-    batch = np.broadcast_shapes(*leading)
-    damping, stiffness = _flat(damping, batch, 2), _flat(stiffness, batch, 2)
-    s, force, mass = _flat(s, batch, 1), _flat(force, batch, 2), mass.contiguous()
+    batch = np.broadcast_shapes(
+        damping.shape[:-2], stiffness.shape[:-2], s.shape[:-1], force.shape[:-2]
+    )
+    mass = mass.contiguous()
+    damping = _flatten_batch(damping, batch, 2)
+    stiffness = _flatten_batch(stiffness, batch, 2)
+    s = _flatten_batch(s, batch, 1)
+    force = _flatten_batch(force, batch, 2)
+
     motion = force.new_empty(math.prod(batch), *force.shape[1:])
     if motion.device.type == "cpu" and motion.dtype == torch.complex128:
         _solve_compiled(mass, damping, stiffness, s, force, motion)
     else:
-        everything = torch.arange(motion.shape[0] * motion.shape[1], device=motion.device)
-        _solve_pivoted(mass, damping, stiffness, s, force, motion, everything)
+        all_rows = torch.arange(motion.shape[0] * motion.shape[1], device=motion.device)
+        _solve_dense(mass, damping, stiffness, s, force, motion, all_rows)
     return motion.reshape(*batch, *motion.shape[1:])
 
 
-def _flat(tensor: Tensor, batch: tuple[int, ...], tail: int) -> Tensor:
-    """One leading axis, of length 1 where all of the batch share the values, which lie in memory in
-    their order.
+def _flatten_batch(tensor: Tensor, batch: tuple[int, ...], n_tail: int) -> Tensor:
+    """Return `tensor`, contiguous, with one leading axis before its last `n_tail` axes.
+
+    That axis has length 1 if the whole batch shares the values, which then stay uncopied.
     """
-    shape = tensor.shape[-tail:]
-    if math.prod(tensor.shape[:-tail]) > 1:
+    shape = tensor.shape[-n_tail:]
+    if math.prod(tensor.shape[:-n_tail]) > 1:
         tensor = tensor.expand(*batch, *shape)
+    # Compiled code reads the memory, in which a lazy conjugate or sign is not carried out.
     return tensor.reshape(-1, *shape).resolve_conj().resolve_neg().contiguous()
 
 
 def _solve_compiled(
     mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Tensor, motion: Tensor
 ) -> None:
-    failed = torch.ones(motion.shape[:2], dtype=torch.bool)
-    tidied = [torch.empty_like(part) for part in (mass[None], damping, stiffness)]
-    if all(
-        tidy(part.numpy(), out.numpy())
-        for part, out in zip((mass[None], damping, stiffness), tidied, strict=True)
-    ):
-        failed[:] = False
-        m, c, k = (part.numpy() for part in tidied)
+    """Fill `motion` without pivots if the matrices allow it, and the remaining rows with pivots."""
+    parts = (mass[None], damping, stiffness)
+    clean = [torch.empty_like(part) for part in parts]
+    is_symmetric = all(
+        remove_rounding(part.numpy(), out.numpy()) for part, out in zip(parts, clean, strict=True)
+    )
+    failed = torch.full(motion.shape[:2], not is_symmetric, dtype=torch.bool)
+    if is_symmetric:
+        m, c, k = (part.numpy() for part in clean)
         solve_symmetric(m[0], c, k, s.numpy(), force.numpy(), motion.numpy(), failed.numpy())
+
     if failed.any():
-        _solve_pivoted(
-            mass, damping, stiffness, s, force, motion, failed.flatten().nonzero().squeeze(-1)
-        )
+        rows = failed.flatten().nonzero().squeeze(-1)
+        _solve_dense(mass, damping, stiffness, s, force, motion, rows)
 
 
-def _solve_pivoted(
+def _solve_dense(
     mass: Tensor,
     damping: Tensor,
     stiffness: Tensor,
@@ -136,195 +150,241 @@ def _solve_pivoted(
     motion: Tensor,
     rows: Tensor,
 ) -> None:
-    """Fill in those `rows` of `motion`, batch and line counted as one, so many at a time that
-    memory stays bounded.
-    """
-    out = motion.flatten(0, 1)
-    for chunk in rows.split(ROWS):
-        batch, line = chunk // motion.shape[1], chunk % motion.shape[1]
-        at = s[batch % len(s), line][:, None, None]
+    """Fill those `rows` of `motion` with pivots; a row is a line of one of the batch."""
+    motion_rows = motion.flatten(0, 1)
+    n_lines = motion.shape[1]
+
+    # Chunks bound the memory: each row needs a matrix here.
+    for chunk in rows.split(MAX_DENSE_SYSTEMS):
+        batch = chunk // n_lines
+        line = chunk % n_lines
+        # A shared tensor has length 1 along the batch, and every index modulo 1 is 0.
+        rate = s[batch % len(s), line][:, None, None]
         dynamic = (
-            stiffness[batch % len(stiffness)] + at * damping[batch % len(damping)] + at**2 * mass
+            stiffness[batch % len(stiffness)]
+            + rate * damping[batch % len(damping)]
+            + rate**2 * mass
         )
         try:
-            out[chunk] = torch.linalg.solve(dynamic, force[batch % len(force), line])
+            motion_rows[chunk] = torch.linalg.solve(dynamic, force[batch % len(force), line])
         except torch.linalg.LinAlgError as failure:  # type: ignore[attr-defined]
             raise InputError(
-                "the equations of motion are singular at a line: it lies on a resonance without damping, or nothing "
-                "holds the pump. Stiffness and damping values must be positive."
+                "The equations of motion are singular at a line: it lies on a resonance without "
+                "damping, or nothing holds the pump. Stiffness and damping values must be positive."
             ) from failure
 
 
 @compiled
 @no_type_check
-def tidy(matrices, tidied):
-    """Whether every matrix is symmetric to rounding, and finite; `tidied` gets them without entries
-    of that size.
+def remove_rounding(matrices, clean):
+    """Fill `clean` with `matrices` less entries of the size of rounding; return success.
+
+    It fails if a matrix is not symmetric to rounding, or not finite. Without such entries,
+    coordinates that nothing couples are recognized as such.
     """
     for b in range(matrices.shape[0]):
         for i in range(matrices.shape[1]):
             for j in range(i + 1):
                 entry = matrices[b, i, j]
                 size = ROUNDING * np.sqrt(abs(matrices[b, i, i] * matrices[b, j, j]))
+                # Written so that NaN fails too.
                 if not abs(entry - matrices[b, j, i]) <= size:
                     return False
-                tidied[b, i, j] = tidied[b, j, i] = entry if abs(entry) > size else 0.0
+
+                if abs(entry) <= size:
+                    entry = 0.0
+                clean[b, i, j] = entry
+                clean[b, j, i] = entry
     return True
 
 
 @compiled
 @no_type_check
-def coupled_groups(mass, damping, stiffness, order, ends):
-    """Count of the groups of coordinates that no matrix of the batch couples; fills in members and
-    ends of each.
+def find_coupled_groups(mass, damping, stiffness, members, ends):
+    """Return the number of groups of coordinates that no matrix of the batch couples.
+
+    Fills `members` with the coordinates, group by group, and `ends` with the end of each group.
     """
     n = mass.shape[0]
-    coupled, group = np.zeros((n, n), np.bool_), np.arange(n)
-    _couple(mass, coupled)
+    is_coupled = np.zeros((n, n), np.bool_)
+    _mark_coupled(mass, is_coupled)
     for matrices in (damping, stiffness):
         for matrix in matrices:
-            _couple(matrix, coupled)
-    _join(coupled, group)
-    filled, count = 0, 0
+            _mark_coupled(matrix, is_coupled)
+    group = np.arange(n)
+    _merge_groups(is_coupled, group)
+
+    n_members = 0
+    n_groups = 0
     for first in range(n):
         if group[first] == first:
             for i in range(n):
                 if group[i] == first:
-                    order[filled] = i
-                    filled += 1
-            ends[count] = filled
-            count += 1
-    return count
+                    members[n_members] = i
+                    n_members += 1
+            ends[n_groups] = n_members
+            n_groups += 1
+    return n_groups
 
 
 @compiled
 @no_type_check
-def _couple(matrix, coupled):
-    """Note what `matrix` couples."""
+def _mark_coupled(matrix, is_coupled):
+    """Mark the pairs of coordinates that `matrix` couples."""
     for i in range(matrix.shape[0]):
         for j in range(matrix.shape[0]):
-            coupled[i, j] |= matrix[i, j] != 0
+            is_coupled[i, j] |= matrix[i, j] != 0
 
 
 @compiled
 @no_type_check
-def _join(coupled, group):
-    """Give each coordinate the least coordinate of its group; passes over all couplings until
-    nothing changes.
-    """
-    before = -1
-    while before != group.sum():
-        before = group.sum()
+def _merge_groups(is_coupled, group):
+    """Give each coordinate the lowest coordinate of its group, by passes until nothing changes."""
+    previous_sum = -1
+    while previous_sum != group.sum():
+        previous_sum = group.sum()
         for i in range(group.size):
             for j in range(group.size):
-                if coupled[i, j]:
-                    group[i] = group[j] = min(group[i], group[j])
+                if is_coupled[i, j]:
+                    lowest = min(group[i], group[j])
+                    group[i] = lowest
+                    group[j] = lowest
 
 
 @compiled
 @no_type_check
-def _fill(mass, damping, stiffness, re, im, size, at, sr, si, members):
-    """Lower triangles of one group, and how large an entry of each row may grow."""
+def _fill(mass, damping, stiffness, re, im, max_size, batch_index, s_re, s_im, members):
+    """Fill the lower triangles of one group, and how large an entry of each row may grow."""
     for i in range(members.shape[0]):
         row = members[i]
         for j in range(i + 1):
             column = members[j]
             inertia = mass[row, column]
             for k in range(LANES):
-                viscous = damping[at[0, k], row, column]
-                elastic = stiffness[at[1, k], row, column]
-                re[i, j, k] = elastic + sr[k] * viscous + (sr[k] * sr[k] - si[k] * si[k]) * inertia
-                im[i, j, k] = si[k] * viscous + 2 * sr[k] * si[k] * inertia
+                viscous = damping[batch_index[0, k], row, column]
+                elastic = stiffness[batch_index[1, k], row, column]
+                square_re = s_re[k] * s_re[k] - s_im[k] * s_im[k]
+                re[i, j, k] = elastic + s_re[k] * viscous + square_re * inertia
+                im[i, j, k] = s_im[k] * viscous + 2 * s_re[k] * s_im[k] * inertia
+
         for k in range(LANES):
-            rate = abs(sr[k]) + abs(si[k])
-            natural = abs(stiffness[at[1, k], row, row]) + rate * abs(damping[at[0, k], row, row])
-            size[i, k] = GROWTH * (natural + rate * rate * abs(mass[row, row]))
+            rate = abs(s_re[k]) + abs(s_im[k])
+            elastic = abs(stiffness[batch_index[1, k], row, row])
+            viscous = abs(damping[batch_index[0, k], row, row])
+            natural = elastic + rate * viscous
+            max_size[i, k] = MAX_GROWTH * (natural + rate * rate * abs(mass[row, row]))
 
 
 @compiled
 @no_type_check
-def _eliminate(re, im, yr, yi, size, n):
-    """L below the diagonal, inverse pivots on it, what L was before its division above; y becomes
-    L^-1 y.
+def _eliminate(re, im, y_re, y_im, max_size, n):
+    """Factor the matrices into L D L^T in place, and replace y by L^-1 y.
+
+    Leaves L below the diagonal, the inverse pivots on it, and above it what L was before it was
+    divided by them. A row that grows beyond `max_size` gets -1 there.
     """
+    # Short loops over few arrays, for only these does the compiler turn into vector code.
     for j in range(n):
         for k in range(LANES):
             inverse = 1 / (re[j, j, k] * re[j, j, k] + im[j, j, k] * im[j, j, k])
             re[j, j, k] = re[j, j, k] * inverse
             im[j, j, k] = -im[j, j, k] * inverse
+
         for i in range(j + 1, n):
-            for k in range(
-                LANES
-            ):  # short loops over few arrays, which the compiler turns into vector code
+            for k in range(LANES):
                 re[j, i, k] = re[i, j, k]
                 im[j, i, k] = im[i, j, k]
             for k in range(LANES):
                 re[i, j, k] = re[j, i, k] * re[j, j, k] - im[j, i, k] * im[j, j, k]
                 im[i, j, k] = re[j, i, k] * im[j, j, k] + im[j, i, k] * re[j, j, k]
             for k in range(LANES):
-                product = (abs(re[i, j, k]) + abs(im[i, j, k])) * (
-                    abs(re[j, i, k]) + abs(im[j, i, k])
-                )
-                size[i, k] = size[i, k] if product <= size[i, k] else -1.0
+                factor = abs(re[i, j, k]) + abs(im[i, j, k])
+                product = factor * (abs(re[j, i, k]) + abs(im[j, i, k]))
+                max_size[i, k] = max_size[i, k] if product <= max_size[i, k] else -1.0
             for t in range(j + 1, i + 1):
                 for k in range(LANES):
                     re[i, t, k] -= re[i, j, k] * re[j, t, k] - im[i, j, k] * im[j, t, k]
                     im[i, t, k] -= re[i, j, k] * im[j, t, k] + im[i, j, k] * re[j, t, k]
             for k in range(LANES):
-                yr[i, k] -= re[i, j, k] * yr[j, k] - im[i, j, k] * yi[j, k]
-                yi[i, k] -= re[i, j, k] * yi[j, k] + im[i, j, k] * yr[j, k]
+                y_re[i, k] -= re[i, j, k] * y_re[j, k] - im[i, j, k] * y_im[j, k]
+                y_im[i, k] -= re[i, j, k] * y_im[j, k] + im[i, j, k] * y_re[j, k]
 
 
 @compiled
 @no_type_check
-def _substitute(re, im, yr, yi, n):
-    """y becomes L^-T D^-1 y."""
+def _substitute(re, im, y_re, y_im, n):
+    """Replace y by L^-T D^-1 y."""
     for j in range(n - 1, -1, -1):
         for k in range(LANES):
-            a, b = yr[j, k], yi[j, k]
-            yr[j, k] = a * re[j, j, k] - b * im[j, j, k]
-            yi[j, k] = a * im[j, j, k] + b * re[j, j, k]
+            old_re = y_re[j, k]
+            old_im = y_im[j, k]
+            y_re[j, k] = old_re * re[j, j, k] - old_im * im[j, j, k]
+            y_im[j, k] = old_re * im[j, j, k] + old_im * re[j, j, k]
+
         for i in range(j + 1, n):
             for k in range(LANES):
-                yr[j, k] -= re[i, j, k] * yr[i, k] - im[i, j, k] * yi[i, k]
-                yi[j, k] -= re[i, j, k] * yi[i, k] + im[i, j, k] * yr[i, k]
+                y_re[j, k] -= re[i, j, k] * y_re[i, k] - im[i, j, k] * y_im[i, k]
+                y_im[j, k] -= re[i, j, k] * y_im[i, k] + im[i, j, k] * y_re[i, k]
 
 
 @compiled
 @no_type_check
 def solve_symmetric(mass, damping, stiffness, s, force, motion, failed):
-    """Fill in `motion`, and mark in `failed` the systems that need pivots; a leading axis of 1 is
-    shared by all.
+    """Fill `motion`, and mark in `failed` the systems that need pivots.
+
+    A leading axis of length 1 is shared by the whole batch.
     """
     n_batch, n_lines, n = motion.shape
-    order, ends = np.empty(n, np.int64), np.empty(n, np.int64)
-    count = coupled_groups(mass, damping, stiffness, order, ends)
-    re, im = np.empty((n, n, LANES)), np.empty((n, n, LANES))
-    yr, yi, size = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES))
-    sr, si = np.empty(LANES), np.empty(LANES)
-    at, line = np.empty((4, LANES), np.int64), np.empty(LANES, np.int64)
-    for first in range(0, n_batch * n_lines, LANES):
-        lanes = min(LANES, n_batch * n_lines - first)
+    members = np.empty(n, np.int64)
+    ends = np.empty(n, np.int64)
+    n_groups = find_coupled_groups(mass, damping, stiffness, members, ends)
+
+    re = np.empty((n, n, LANES))
+    im = np.empty((n, n, LANES))
+    y_re = np.empty((n, LANES))
+    y_im = np.empty((n, LANES))
+    max_size = np.empty((n, LANES))
+    s_re = np.empty(LANES)
+    s_im = np.empty(LANES)
+    batch_index = np.empty((4, LANES), np.int64)
+    line = np.empty(LANES, np.int64)
+
+    n_systems = n_batch * n_lines
+    for first in range(0, n_systems, LANES):
+        n_lanes = min(LANES, n_systems - first)
         for k in range(LANES):
-            batch = (first + min(k, lanes - 1)) // n_lines
-            line[k] = (first + min(k, lanes - 1)) % n_lines
-            at[0, k] = batch if damping.shape[0] > 1 else 0
-            at[1, k] = batch if stiffness.shape[0] > 1 else 0
-            at[2, k] = batch if force.shape[0] > 1 else 0
-            at[3, k] = batch
-            value = s[batch if s.shape[0] > 1 else 0, line[k]]
-            sr[k], si[k] = value.real, value.imag
-        for group in range(count):
-            members = order[(ends[group - 1] if group > 0 else 0) : ends[group]]
-            for i in range(members.shape[0]):
+            # Lanes beyond the last system repeat it: the loops over lanes have a fixed length.
+            system = first + min(k, n_lanes - 1)
+            batch = system // n_lines
+            line[k] = system % n_lines
+            batch_index[0, k] = batch if damping.shape[0] > 1 else 0
+            batch_index[1, k] = batch if stiffness.shape[0] > 1 else 0
+            batch_index[2, k] = batch if force.shape[0] > 1 else 0
+            batch_index[3, k] = batch
+            rate = s[batch if s.shape[0] > 1 else 0, line[k]]
+            s_re[k] = rate.real
+            s_im[k] = rate.imag
+
+        start = 0
+        for group in range(n_groups):
+            group_members = members[start : ends[group]]
+            start = ends[group]
+            size = group_members.shape[0]
+            for i in range(size):
                 for k in range(LANES):
-                    value = force[at[2, k], line[k], members[i]]
-                    yr[i, k], yi[i, k] = value.real, value.imag
-            _fill(mass, damping, stiffness, re, im, size, at, sr, si, members)
-            _eliminate(re, im, yr, yi, size, members.shape[0])
-            _substitute(re, im, yr, yi, members.shape[0])
-            for i in range(members.shape[0]):
-                for k in range(lanes):
-                    motion[at[3, k], line[k], members[i]] = complex(yr[i, k], yi[i, k])
-                    if not (size[i, k] >= 0 and np.isfinite(yr[i, k]) and np.isfinite(yi[i, k])):
-                        failed[at[3, k], line[k]] = True
+                    load = force[batch_index[2, k], line[k], group_members[i]]
+                    y_re[i, k] = load.real
+                    y_im[i, k] = load.imag
+
+            _fill(
+                mass, damping, stiffness, re, im, max_size, batch_index, s_re, s_im, group_members
+            )
+            _eliminate(re, im, y_re, y_im, max_size, size)
+            _substitute(re, im, y_re, y_im, size)
+
+            for i in range(size):
+                for k in range(n_lanes):
+                    value = complex(y_re[i, k], y_im[i, k])
+                    motion[batch_index[3, k], line[k], group_members[i]] = value
+                    if not (max_size[i, k] >= 0 and np.isfinite(value)):
+                        failed[batch_index[3, k], line[k]] = True

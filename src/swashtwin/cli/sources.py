@@ -27,18 +27,22 @@ def load_sources(
         first such file raises an error.
     facts : facts of single files, by keys of an index.
     """
-    from swashtwin.recordings import load_recordings
+    from swashtwin.recordings import load_recording, load_recordings
 
     recordings: list[Recording] = []
     folders: list[tuple[str, ...]] = []
     for path in paths:
         if is_collection(path, facts):
-            loaded = load_recordings(path, unreadable=unreadable)
+            loaded = list(load_recordings(path, unreadable=unreadable))
         else:
-            loaded = load_recordings(path, **facts)
+            recording = load_recording(path, **facts)
+            if len(paths) > 1:
+                # A file that is read whole when it is opened would stay in memory.
+                recording.samples.release()
+            loaded = [recording]
 
             # An inspection reports a contradiction itself.
-            contradiction = loaded[0].attributes.get("contradicted")
+            contradiction = recording.attributes.get("contradicted")
             if contradiction and unreadable is None:
                 print_note(f"{path}: {contradiction}.")
 

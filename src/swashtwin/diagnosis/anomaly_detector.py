@@ -198,10 +198,9 @@ class AnomalyDetector(Estimator):
             facts=summarize_recordings([recording]),
         )
         try:
-            deviation = healthy.deviation(recording)
-            copies = find_exact_copies(
-                self.manifest, {recording.recording_id: recording.content_hashes()}
-            )
+            with recording.loaded():
+                deviation = healthy.deviation(recording)
+                content = recording.content_hashes()
         except DataError as cause:
             return replace(diagnosis, no_verdict=str(cause))
         if not math.isfinite(deviation.score):
@@ -212,7 +211,7 @@ class AnomalyDetector(Estimator):
             return replace(diagnosis, no_verdict=reason)
 
         notes = deviation.notes
-        if copies:
+        if find_exact_copies(self.manifest, {recording.recording_id: content}):
             note = "It is one of the detector's healthy recordings, so the answer proves nothing."
             notes = (note, *notes)
 

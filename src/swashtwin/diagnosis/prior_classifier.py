@@ -376,13 +376,12 @@ class PriorClassifier:
             recording.recording_id, "prior", facts=summarize_recordings([recording])
         )
         try:
-            change, notes = self.change(recording)
-            copies = find_exact_copies(
-                self.manifest, {recording.recording_id: recording.content_hashes()}
-            )
+            with recording.loaded():
+                change, notes = self.change(recording)
+                content = recording.content_hashes()
         except DataError as cause:
             return replace(diagnosis, no_verdict=str(cause))
-        if copies:
+        if find_exact_copies(self.manifest, {recording.recording_id: content}):
             note = (
                 "The classifier was trained with this very recording, so the answer proves nothing."
             )

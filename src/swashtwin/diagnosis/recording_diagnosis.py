@@ -13,7 +13,7 @@ from swashtwin.diagnosis.reasons import (
     describe_healthy_gain,
     describe_untrained_machine,
 )
-from swashtwin.diagnosis.recording_arguments import require_layout, require_recording
+from swashtwin.diagnosis.recording_arguments import require_layout
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning import (
@@ -82,10 +82,7 @@ def diagnose(
         The classifier's validation recordings are too few for the error rate, or its confidence
         was not calibrated.
     """
-    require_recording(recording)
-    # Samples that are read here are not kept by the caller's recording.
-    recording = recording.unloaded()
-
+    require_layout(classifier.layout, recording)
     confidence = classifier.confidence_of(recording.specimen or "")
     if error_rate is not None and confidence is None:
         raise InputError(
@@ -93,7 +90,6 @@ def diagnose(
             field="error_rate",
             remedy="Train it without {network}, or with {validation_fraction=0.2}.",
         )
-    require_layout(classifier.layout, recording)
 
     diagnosis = Diagnosis(
         recording.recording_id,
@@ -101,19 +97,21 @@ def diagnose(
         fault_of=classifier.fault_of,
     )
     try:
-        answers = _answer_windows(classifier, recording)
-        notes = _recording_notes(classifier, recording)
+        # The windows and the hashes of the content are computed from one reading of the file.
+        with recording.loaded():
+            answers = _answer_windows(classifier, recording)
+            notes = _recording_notes(classifier, recording)
     except DataError as cause:
         return replace(diagnosis, no_verdict=str(cause))
 
-    reasons = describe_deviations(classifier, answers.condition, answers.mean_statistics)
     class_indices = likeliest_class(answers.probability)
     diagnosis = replace(
         diagnosis,
         window_labels=tuple(
             None if index < 0 else classifier.classes[index] for index in class_indices.tolist()
         ),
-        notes=(*notes, *reasons),
+        notes=tuple(notes),
+        reasons=describe_deviations(classifier, answers.condition, answers.mean_statistics),
     )
 
     has_verdict = class_indices >= 0
@@ -121,14 +119,19 @@ def diagnose(
         has_verdict &= np.isfinite(answers.features).all(axis=1)
     if not has_verdict.all():
         reason = _describe_missing_verdict(classifier, recording, has_verdict)
-        return replace(diagnosis, no_verdict=reason)
+        return _without_verdict(diagnosis, reason)
+    return _judge_answers(classifier, confidence, diagnosis, answers, error_rate)
 
-    diagnosis = replace(diagnosis, notes=tuple(notes), reasons=reasons)
-    return _judge_answers(classifier, diagnosis, answers, error_rate)
+
+def _without_verdict(diagnosis: Diagnosis, reason: str) -> Diagnosis:
+    """Return a diagnosis without verdict, whose reasons for an unknown recording become notes."""
+    notes = (*diagnosis.notes, *diagnosis.reasons)
+    return replace(diagnosis, no_verdict=reason, notes=notes, reasons=())
 
 
 def _judge_answers(
     classifier: FittedClassifier,
+    confidence: Confidence | None,
     diagnosis: Diagnosis,
     answers: _WindowAnswers,
     error_rate: float | None,
@@ -137,7 +140,6 @@ def _judge_answers(
 
     `diagnosis` holds the reasons of the recording, and its notes without the reasons.
     """
-    confidence = classifier.confidence_of(answers.specimen)
     reference = classifier.training_reference
     mean_features = answers.features.mean(axis=0)
     pooled = pooled_probabilities(answers.probability, confidence)
@@ -148,8 +150,7 @@ def _judge_answers(
         )
     if not (np.isfinite(pooled).all() and math.isfinite(ood_score)):
         reason = "the numbers behind the model's confidence are not finite; train it again."
-        notes = (*diagnosis.notes, *diagnosis.reasons)
-        return replace(diagnosis, no_verdict=reason, notes=notes, reasons=())
+        return _without_verdict(diagnosis, reason)
 
     if confidence is not None and reference is not None:
         diagnosis = _add_confidence(
@@ -206,8 +207,8 @@ def _describe_missing_verdict(
     """Describe which windows have no finite answer, and the largest sample of the first one."""
     length = classifier.layout.length
     first = int(has_verdict.argmin())
-    first_window = recording.slice(first * length, (first + 1) * length)
-    peak = float(np.abs(first_window.signal).max())
+    first_window = recording.samples.signal_part(first * length, (first + 1) * length)
+    peak = float(np.abs(first_window).max())
     start_s = first * length / recording.sample_rate
 
     if has_verdict.size == 1:

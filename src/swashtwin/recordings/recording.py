@@ -225,14 +225,15 @@ class Recording:
         return self if samples is self.samples else self.replace(samples=samples)
 
     @contextmanager
-    def loaded(self, max_values: float = math.inf) -> "Iterator[Recording]":
+    def loaded(self, max_values: int = 1 << 21) -> "Iterator[Recording]":
         """Hold all samples in memory within the block, so that its steps read the file once.
 
         Afterwards they are forgotten, unless they were in memory before.
 
         Parameters
         ----------
-        max_values : samples of all channels above which the recording stays in its file.
+        max_values : samples of all channels above which the recording stays in its file; by
+            default those of 17 MB.
         """
         was_loaded = self.samples.is_loaded
         if self.n_channels * self.n_samples <= max_values:

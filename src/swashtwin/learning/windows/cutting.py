@@ -3,7 +3,6 @@
 import difflib
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,9 +21,6 @@ from swashtwin.recordings import (
     specified_shaft_frequency,
     window_findings,
 )
-
-# Samples of all channels up to which a recording is read once and kept in memory while it is cut.
-_MAX_SAMPLES_IN_MEMORY = 1 << 21
 
 
 def cut_windows(
@@ -94,10 +90,11 @@ def cut_windows(
     content: dict[str, tuple[str, ...]] = {}
     for stored in recordings:
         # Loaded for these steps only, so that memory does not keep the samples of all recordings.
-        with stored.loaded(_MAX_SAMPLES_IN_MEMORY) as recording:
+        with stored.loaded() as recording:
             require_usable(recording)
             content.update(build_manifest([recording]))
-            windows_by_recording.append(_slices(recording, length, stride))
+            n_windows = _count_windows(recording, length, stride)
+            windows_by_recording.append(_slices(recording, length, stride, 0, n_windows))
     return _assemble(recordings, windows_by_recording, stride, class_names, content)
 
 
@@ -123,20 +120,13 @@ def window_batches(
         stride = length
     class_names = _class_order([recording], classes)
     _require_long_enough([recording], length, allow_partial_revolution)
-    recording = _load_if_short(recording)
-    require_usable(recording)
-
-    for first, last in _blocks(recording.n_samples, length, stride, batch):
-        part = recording.slice(first * stride, (last - 1) * stride + length)
-        windows = _assemble([part], [_slices(part, length, stride)], stride, class_names, {})
-        yield replace(windows, start=windows.start + first * stride)
-
-
-def _load_if_short(recording: Recording) -> Recording:
-    """Load the samples of a short recording, so that later steps do not read them again."""
-    if recording.n_samples * recording.n_channels <= _MAX_SAMPLES_IN_MEMORY:
-        recording.signal  # noqa: B018 - stays in memory
-    return recording
+    with recording.loaded():
+        require_usable(recording)
+        n_windows = _count_windows(recording, length, stride)
+        for first in range(0, n_windows, batch):
+            last = min(first + batch, n_windows)
+            windows = _slices(recording, length, stride, first, last)
+            yield _assemble([recording], [windows], stride, class_names, {}, first * stride)
 
 
 def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None) -> tuple[str, ...]:
@@ -167,23 +157,21 @@ def _require_long_enough(
         raise error(finding.message)
 
 
-def _blocks(n_samples: int, length: int, stride: int, size: int) -> Iterator[tuple[int, int]]:
-    """Yield (first, last + 1) window of each block of at most `size` windows of a recording."""
-    n_windows = 1 + (n_samples - length) // stride
-    for first in range(0, n_windows, size):
-        yield first, min(first + size, n_windows)
+def _count_windows(recording: Recording, length: int, stride: int) -> int:
+    return 1 + (recording.n_samples - length) // stride
 
 
 def _slices(
-    recording: Recording, length: int, stride: int
+    recording: Recording, length: int, stride: int, first: int, last: int
 ) -> Float32[np.ndarray, "window channel time"]:
-    n_windows = 1 + (recording.n_samples - length) // stride
-    windows = np.empty((n_windows, len(recording.channels), length), dtype=np.float32)
+    """Return the windows from number `first` to before `last`; the file is read in blocks."""
+    windows = np.empty((last - first, len(recording.channels), length), dtype=np.float32)
     block_size = max(1, BLOCK_SAMPLES // stride)
-    for first, last in _blocks(recording.n_samples, length, stride, block_size):
-        signal = recording.samples.signal_part(first * stride, (last - 1) * stride + length)
+    for start in range(first, last, block_size):
+        stop = min(start + block_size, last)
+        signal = recording.samples.signal_part(start * stride, (stop - 1) * stride + length)
         views = np.lib.stride_tricks.sliding_window_view(signal, length, axis=1)[:, ::stride]
-        windows[first:last] = views.transpose(1, 0, 2)
+        windows[start - first : stop - first] = views.transpose(1, 0, 2)
     return windows
 
 
@@ -193,8 +181,14 @@ def _assemble(
     stride: int,
     classes: tuple[str, ...],
     content: Manifest,
+    first_start: int = 0,
 ) -> WindowSet:
-    """Join the windows of some recordings, each with the facts of its recording."""
+    """Join the windows of some recordings, each with the facts of its recording.
+
+    Parameters
+    ----------
+    first_start : sample at which the first window of each recording starts.
+    """
     class_index = {name: index for index, name in enumerate(classes)}
     targets = []
     pressures = []
@@ -227,7 +221,9 @@ def _assemble(
         specimen=repeat([recording.specimen or "" for recording in recordings], np.str_),
         discharge_pressure=repeat(pressures, np.float64),
         speed=repeat(speeds, np.float64),
-        start=np.concatenate([np.arange(count, dtype=np.int64) * stride for count in counts]),
+        start=np.concatenate(
+            [first_start + np.arange(count, dtype=np.int64) * stride for count in counts]
+        ),
         synthetic=repeat([recording.synthetic for recording in recordings], np.bool_),
         sample_rate=float(recordings[0].sample_rate),
         channels=recordings[0].channels,

@@ -15,7 +15,7 @@ from swashtwin_bench.rigs.courses import PlantCourse, plant_course, typical_faul
 from swashtwin_bench.rigs.measuring import Run
 from swashtwin_bench.rigs.version_three.fleet import LABELS, PATHS, Damage, draw_specimen
 from swashtwin_bench.rigs.version_three.machine import solve_oil
-from swashtwin_bench.rigs.version_three.measuring import forces_of, measure, sounds_of
+from swashtwin_bench.rigs.version_three.measuring import contact_paths, draw_sounds, measure
 from swashtwin_bench.rigs.writing import RigSize
 
 TINY = RigSize(specimens=1, repeats=1, duration=0.5)
@@ -123,8 +123,8 @@ def heard(pump: Pump, fault: Damage | None) -> tuple[dict[str, np.ndarray], dict
     run, specimen = run_with(pump, fault), draw_specimen(pump, "A", 0)
     oil, steps = solve_oil(run, specimen), 2100
     angle, rate = 2 * np.pi * np.arange(9 * steps) / steps, steps * run.condition.shaft_frequency
-    forces = forces_of(run, specimen, oil, angle, rate)[:, -steps:]
-    sounds = sounds_of(run, specimen, oil, angle, rate, np.random.default_rng(0))
+    forces = contact_paths(run, specimen, oil, angle, rate)[:, -steps:]
+    sounds = draw_sounds(run, specimen, oil, angle, rate, np.random.default_rng(0))
     levels = dict(zip(PATHS, (sounds**4).mean(axis=1) ** 0.25, strict=True))
     return dict(zip(PATHS, np.fft.rfft(forces), strict=True)), levels | {
         "seepage": oil.seepage.mean(),

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 _CALIBRATION_MARK = '"format": "swashtwin calibration'
 _INTERFACES_MARK = "calibrated with"
+
+# Keys of a saved calibration that the command prints; the others describe its twin.
 _RESULT_KEYS = (
     "method",
     "settings",
@@ -50,7 +52,6 @@ _RESULT_KEYS = (
     "excluded_recordings",
     "notes",
 )
-"""Keys of a saved calibration that the command prints; the others describe its twin."""
 
 
 class Method(StrEnum):

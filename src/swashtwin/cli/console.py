@@ -30,12 +30,15 @@ MAX_NAMES_IN_NOTE = 3
 """Recordings that a merged note names; the others are counted."""
 PROGRESS_INTERVAL_S = 20.0
 """Time between two lines of progress in a log file, which has no bar that could be redrawn."""
+
+# Columns of a table if no terminal limits it.
 _UNLIMITED_WIDTH = 200
-"""Columns of a table if no terminal limits it."""
+
+# Columns that a folded text keeps on a narrow terminal, so that it stays readable.
 _MAX_FOLDED_WIDTH = 16
-"""Columns that a folded text keeps on a narrow terminal, so that it stays readable."""
+
+# Characters of a cell; folding a label of several megabytes would take minutes.
 _MAX_CELL_LENGTH = 2000
-"""Characters of a cell; folding a label of several megabytes would take minutes."""
 
 BUG = 1
 BAD_DATA = 3

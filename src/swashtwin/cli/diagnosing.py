@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 MAX_EXPLAINED = 10
 """Recordings whose evidence a report shows; each requires some hundred passes of the network."""
 
+# Columns of the table, by kind of model.
 _HEADERS = {
     "classifier": ("recording", "verdict", "probability", "agreeing windows", "prediction set"),
     "detector": ("recording", "verdict", "p-value", "largest change"),
     "prior": ("recording", "verdict", "probability"),
 }
-"""Columns of the table, by kind of model."""
 
 
 @reads_files

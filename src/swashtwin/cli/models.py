@@ -30,8 +30,11 @@ if TYPE_CHECKING:
     from swashtwin.learning import ConfidenceScores, Scores
 
 _PRIOR_MARKS = artifact_marks("prior classifier")
+
+# Virtual pumps up to which starting further processes takes longer than it saves.
 _MAX_PUMPS_IN_ONE_PROCESS = 200
-"""Virtual pumps up to which starting further processes takes longer than it saves."""
+
+# Scores that are printed; `--json` prints all.
 _SCORE_NAMES = (
     "accuracy",
     "recording_accuracy",
@@ -44,7 +47,6 @@ _SCORE_NAMES = (
     "macro_auroc",
     "calibration_error",
 )
-"""Scores that are printed; ``--json`` prints all."""
 
 
 def evaluate(

@@ -23,10 +23,12 @@ Report = Annotated[
 
 FIGURE = "<!-- figure of swashtwin -->"
 """Text in each SVG file of swashtwin, by which it is recognized."""
+
+# Text in each report page.
 _PAGE = "<footer>Written by swashtwin"
-"""Text in each report page."""
+
+# Start of a file in which its mark is searched; the card of a model lies within it.
 _SEARCHED_BYTES = 4_000_000
-"""Start of a file in which its mark is searched; the card of a model lies within it."""
 
 
 def artifact_marks(*kinds: str) -> list[str]:

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from swashtwin.recordings import Finding, InspectionReport
 
 
+# Whether the recordings suffice for a use, as it is printed.
 _SUFFICIENCY = {"yes": "enough", "partly": "partly enough", "no": "not enough"}
-"""Whether the recordings suffice for a use, as it is printed."""
 
 
 @reads_files

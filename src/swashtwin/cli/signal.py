@@ -56,14 +56,17 @@ Track = Annotated[
     ),
 ]
 
+# Start of a table of indicators, by which it is recognized.
 _TABLE_MARK = "recording,channel,class,specimen,date,speed [rpm],pressure [MPa],"
-"""Start of a table of indicators, by which it is recognized."""
+
 _NO_ZONE = "No ISO zone is printed: ISO 20816 and 10816 do not cover axial piston pumps."
+
+# Indicators that fit on the screen, with the amplitudes of orders.
 _PRINTED_INDICATORS = ("rms", "velocity_rms", "crest_factor", "kurtosis")
-"""Indicators that fit on the screen, with the amplitudes of orders."""
+
+# Healthy recordings below which a baseline flags some healthy recordings: with fewer, the spread
+# (MAD) is underestimated often enough to be seen (docs/how-to/indicators.md).
 _SMALL_BASELINE = 12
-"""Healthy recordings below which a baseline flags some healthy recordings: with fewer, the spread
-(MAD) is underestimated often enough to be seen (docs/how-to/indicators.md)."""
 
 
 class SpectrumKind(StrEnum):

@@ -35,12 +35,14 @@ if TYPE_CHECKING:
     from swashtwin.recordings import Recording
     from swashtwin.synthesis import Fidelity
 
+# Formats that are written block by block; the others require the whole recording in memory.
 _STREAMED_SUFFIXES = (".h5", ".hdf5")
-"""Formats that are written block by block; the others require the whole recording in memory."""
+
+# Bytes of a recording in memory, so that it fits a computer of 8 GB with its copies.
 _MAX_SIZE_IN_MEMORY = 4 * 10**9
-"""Bytes of a recording in memory, so that it fits a computer of 8 GB with its copies."""
+
+# Upper bound of what a file holds beside its samples, counted in samples.
 _MAX_OVERHEAD = 1 << 15
-"""Upper bound of what a file holds beside its samples, counted in samples."""
 
 
 def simulate(

@@ -34,10 +34,11 @@ if TYPE_CHECKING:
     from swashtwin.pump import Fault, Pump
     from swashtwin.recordings import Recording, Recordings
 
+# Candidate recordings that are printed; `--json` prints all.
 _MAX_CANDIDATES = 10
-"""Candidate recordings that are printed; ``--json`` prints all."""
+
+# Options without which a nameplate cannot be scaled; the mass has a default.
 _REQUIRED_NAMEPLATE = ("displacement", "pistons", "speed", "pressure")
-"""Options without which a nameplate cannot be scaled; the mass has a default."""
 
 
 def plan_next(

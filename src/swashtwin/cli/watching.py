@@ -27,6 +27,7 @@ ConfigFile = Annotated[
     Path, typer.Argument(metavar="CONFIG", help="Configuration written by watch init.")
 ]
 
+# Modules of the extra `monitor` that every watch requires.
 _MONITOR_MODULES = (
     "argon2",
     "fastapi",
@@ -35,7 +36,6 @@ _MONITOR_MODULES = (
     "sqlalchemy",
     "uvicorn",
 )
-"""Modules of the extra ``monitor`` that every watch requires."""
 
 
 class WatchGroup(TyperGroup):

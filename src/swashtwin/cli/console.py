@@ -161,7 +161,7 @@ def print_rows(
 
     Parameters
     ----------
-    source_of_all : subject and verb of the sentence that names where all rows are.
+    source_of_all : subject and verb of the sentence that names the source of all rows.
     """
     print_table(title, header, rows[:MAX_ROWS])
     if len(rows) > MAX_ROWS:

@@ -30,7 +30,7 @@ from swashtwin.pump import (
 
 DEFECT = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24))
 PAPERS_SPEED = rpm(860)
-ENTRIES = ("centre", "edge")
+ENTRIES = ("center", "edge")
 EDGES = ("half_sine", "raised_cosine")
 
 
@@ -49,9 +49,9 @@ def of_radius(pump: Pump, radius: float) -> Pump:
 @pytest.mark.parametrize(
     ("entry", "radius", "times", "overlap", "in_defect", "total"),
     [
-        ("centre", 26, (4.70, 3.42, 12.81), 2.85, (1, 2), (0.49, 0.57, 0.60)),
-        ("centre", 31, (3.94, 2.87, 10.75), 0.78, (1, 2), (0.18, 0.47, 0.60)),
-        ("centre", 35, (3.49, 2.54, 9.52), -0.45, (0, 1), (0.00, 0.42, 0.60)),
+        ("center", 26, (4.70, 3.42, 12.81), 2.85, (1, 2), (0.49, 0.57, 0.60)),
+        ("center", 31, (3.94, 2.87, 10.75), 0.78, (1, 2), (0.18, 0.47, 0.60)),
+        ("center", 35, (3.49, 2.54, 9.52), -0.45, (0, 1), (0.00, 0.42, 0.60)),
         ("edge", 26, (9.40, 3.42, 22.21), 12.24, (2, 3), (0.82, 0.93, 1.02)),
         ("edge", 35, (6.98, 2.54, 16.50), 6.53, (1, 2), (0.60, 0.69, 0.80)),
     ],
@@ -59,7 +59,7 @@ def of_radius(pump: Pump, radius: float) -> Pump:
 def test_the_stages_are_those_tabulated(
     pump: Pump,
     at_15: OperatingCondition,
-    entry: Literal["centre", "edge"],
+    entry: Literal["center", "edge"],
     radius: float,
     times: tuple[float, float, float],
     overlap: float,
@@ -108,7 +108,7 @@ def test_the_first_slipper_follows_the_papers_formula(
 @pytest.mark.parametrize("length", [mm(30), mm(22), mm(16)])
 def test_displacement_is_continuous_and_a_raised_cosine_has_no_velocity_jump(
     pump: Pump,
-    entry: Literal["centre", "edge"],
+    entry: Literal["center", "edge"],
     edge: Literal["half_sine", "raised_cosine"],
     length: float,
 ) -> None:
@@ -135,7 +135,7 @@ def test_displacement_is_continuous_and_a_raised_cosine_has_no_velocity_jump(
 def test_displacement_lines_are_the_transform_of_the_displacement(
     pump: Pump,
     at_15: OperatingCondition,
-    entry: Literal["centre", "edge"],
+    entry: Literal["center", "edge"],
     edge: Literal["half_sine", "raised_cosine"],
     length: float,
     scatter: tuple[float, ...] | None,
@@ -201,9 +201,9 @@ def test_excitation_that_does_not_fit_the_pump_is_refused(
         InputError, match=r"length \(150 mm\) fills the slippers' whole track of 163.4 mm"
     ):
         displacement_lines(pump, at_15, replace(DEFECT, length=mm(150), entry="edge"), 7)
-    with pytest.raises(InputError, match=r"scatter has shape \(3,\) for 7 slippers"):
+    with pytest.raises(InputError, match=r"shape \(3,\) of scatter: give one value for each of 7"):
         displacement_lines(pump, at_15, DEFECT, 7, scatter=(1.0, 1.0, 1.0))
-    with pytest.raises(InputError, match=r"BoreDefect.bore \(7\) is none of the 7"):
+    with pytest.raises(InputError, match=r"BoreDefect.bore \(7\) must be 0 to 6"):
         bore_lines(pump, BoreDefect(um(50), bore=7), 7)
     with pytest.raises(InputError, match=r"half_width \(200 deg\) must not exceed 180"):
         bore_lines(pump, BoreDefect(um(50), half_width=deg(200)), 7)

@@ -268,7 +268,7 @@ def test_a_pump_that_leaks_more_than_it_displaces_is_refused(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"fault": PistonWear(um(25), piston=7)}, "PistonWear.piston .7. is none of the 7 pistons"),
+        ({"fault": PistonWear(um(25), piston=7)}, "PistonWear.piston .7. must be 0 to 6"),
         ({"fault": SealingLandScratch(1e-12, bore=9)}, "SealingLandScratch.bore .9."),
         ({"piston_clearances": (um(12),) * 5}, "5 values for 7 pistons"),
     ],

@@ -159,7 +159,7 @@ def test_slippers_that_are_rigid_with_the_rotor_load_it_instead_of_the_retainer(
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        (LooseSlipper(mm(0.2), slipper=7), r"LooseSlipper.slipper \(7\) is none of the 7 pistons"),
+        (LooseSlipper(mm(0.2), slipper=7), r"LooseSlipper.slipper \(7\) must be 0 to 6"),
         (LooseSlipper(mm(0.2), restitution=1.5), r"restitution \(1.5\) must lie in 0...1"),
         (LooseSlipper(mm(0.2), pulse=0.0), r"pulse \(0 s\) must lie between"),
         (

@@ -1,16 +1,15 @@
-"""What faults impose: displacements over the shaft angle and as order lines, and changes at ports
-and leaks.
+"""Displacements that faults impose, as functions of the shaft angle and as order lines.
 
-Sources and equations: the paper for the swash plate defect (DOI 10.1177/00202940261419020),
-docs/explanation/physics.md, sections 3 and 5, for the others. Lines are exact Fourier coefficients,
-not transforms of
-samples: a half-sine entry has jumps of velocity, so its lines fall slowly and would fold. Their
-clock is the shaft angle theta, 0 at top dead center of piston 0, and piston j stands at theta + 2
-pi j / n; line k - 1 is X_k of x(t) = Re sum_k X_k exp(i k theta), and the mean is left out.
+Also the changes that faults make to ports and leaks. Sources and equations: the paper for the swash
+plate defect (DOI 10.1177/00202940261419020), docs/explanation/physics.md, sections 3 and 5, for the
+others. Lines are exact Fourier coefficients, not transforms of samples: a half-sine entry has jumps
+of velocity, so its lines fall slowly and would alias. Their clock is the shaft angle theta, 0 at
+top dead center of piston 0, and piston j stands at theta + 2 pi j / n. Line k - 1 is X_k of x(t) =
+Re sum_k X_k exp(i k theta), without the mean.
 
-A slipper's way through a recess, entry, dwell and exit, is written over the angle that it has
-turned instead of time, so that chamber pressures and excitation share one clock. It stands in the
-middle of its stages where it stands in the middle of the recess.
+A slipper's way through a recess (entry, dwell and exit) is a function of the shaft angle instead of
+time, so that chamber pressures and excitation share one clock. Its stages are symmetric about the
+middle of the recess.
 """
 
 import math
@@ -36,14 +35,17 @@ from swashtwin.pump import (
 )
 
 CONTACT_CUTOFF = 4000.0
-"""Frequency [Hz] above which a slipper's contact no longer follows a recess that strains no film;
-an estimate.
-"""
+"""Frequency [Hz] above which a slipper's contact no longer follows a recess that strains no film.
+
+An estimate."""
 
 
 @singledispatch
 def find_recess(fault: Fault | None) -> SwashPlateDefect | None:
-    """The recess that a fault makes in the slippers' track; None, unless registered otherwise."""
+    """Return the recess that a fault makes in the slippers' track, or None.
+
+    A new fault with a recess registers a function here.
+    """
     return None
 
 
@@ -70,11 +72,11 @@ class Stages:
 
 
 def stages(pump: Pump, defect: SwashPlateDefect) -> Stages:
-    """Stages of one slipper of `pump` in `defect`.
+    """Return the stages of one slipper of `pump` in `defect`.
 
     With a the slipper's diameter and b the defect's length, (l1, l2, l3) is (a/2, b - a/2, b) for
-    ``entry="centre"`` and (a, b, a + b) for ``entry="edge"``. Where b < a, which the paper
-    excludes, a and b change places in l1 and l2, and the slipper bridges the recess
+    ``entry="center"`` and (a, b, a + b) for ``entry="edge"``. If b < a, which the paper excludes, a
+    and b are exchanged in l1 and l2, and the slipper bridges the recess
     (`SwashPlateDefect.effective_depth`).
 
     Raises
@@ -82,18 +84,21 @@ def stages(pump: Pump, defect: SwashPlateDefect) -> Stages:
     InputError
         The recess is longer than the track.
     """
-    radius, slipper = pump.rotating_group.pitch_radius, pump.rotating_group.slipper_diameter
+    radius = pump.rotating_group.pitch_radius
+    slipper = pump.rotating_group.slipper_diameter
     shorter = min(slipper, defect.length)
-    rise, total = (
-        (shorter / 2, defect.length)
-        if defect.entry == "centre"
-        else (shorter, slipper + defect.length)
-    )
+    if defect.entry == "center":
+        rise = shorter / 2
+        total = defect.length
+    else:
+        rise = shorter
+        total = slipper + defect.length
+
     if total >= 2 * math.pi * radius:
         raise InputError(
-            f"SwashPlateDefect.length ({defect.length * 1e3:.4g} mm) fills the slippers' whole track of "
-            f"{2e3 * math.pi * radius:.4g} mm (pitch radius {radius * 1e3:.4g} mm, slipper {slipper * 1e3:.4g} mm); "
-            "shorten it."
+            f"SwashPlateDefect.length ({defect.length * 1e3:.4g} mm) fills the slippers' whole "
+            f"track of {2e3 * math.pi * radius:.4g} mm (pitch radius {radius * 1e3:.4g} mm, "
+            f"slipper {slipper * 1e3:.4g} mm); shorten it."
         )
     return Stages(rise=rise / radius, total=total / radius, depth=defect.effective_depth(slipper))
 
@@ -101,20 +106,22 @@ def stages(pump: Pump, defect: SwashPlateDefect) -> Stages:
 def followed_share(
     defect: SwashPlateDefect, frequency: Float[np.ndarray, " line"]
 ) -> Float[np.ndarray, " line"]:
-    """Share of a recess that slippers follow at `frequency` [Hz]: 2^-(f / corner)^fall, half of it
-    at the corner.
+    """Return the share of a recess that slippers follow at `frequency` [Hz].
 
-    With the fall of 2 it is a Gaussian, with less it is nearer to a first or second order's fall.
-    Without a corner it is exp(-(f / `CONTACT_CUTOFF`)^2), or all of it where films are strained.
+    It is 2^-(f / corner)^fall, half at the corner: a Gaussian with the fall of 2, nearer to a first
+    or second order's with less. Without a corner it is exp(-(f / `CONTACT_CUTOFF`)^2), or 1 if
+    films are strained.
     """
     if defect.corner:
         return np.exp2(-((frequency / defect.corner) ** defect.fall))
-    return np.exp(-((frequency / (math.inf if defect.strains_films else CONTACT_CUTOFF)) ** 2))
+    cutoff = math.inf if defect.strains_films else CONTACT_CUTOFF
+    return np.exp(-((frequency / cutoff) ** 2))
 
 
 def canonical_recess(defect: SwashPlateDefect) -> SwashPlateDefect:
-    """The same recess but for how its force is felt: all such share one ride, and the same
-    pressures.
+    """Return the recess with the default gain and corner, which change its force only.
+
+    Recesses that differ only in these share one ride and the same pressures, which are cached.
     """
     return replace(defect, corner=0.0, fall=2.0, gain=1.0)
 
@@ -122,18 +129,27 @@ def canonical_recess(defect: SwashPlateDefect) -> SwashPlateDefect:
 def slipper_profile(
     pump: Pump, defect: SwashPlateDefect, angle: Float[np.ndarray, "*batch"]
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
-    """Displacement H [m] of a slipper whose piston stands at shaft `angle` [rad], and its slope
-    dH/dphi [m/rad].
+    """Return the displacement H [m] of a slipper, and its slope dH/dphi [m/rad].
+
+    Parameters
+    ----------
+    angle : shaft angle at which the slipper's piston stands [rad].
     """
     stage = stages(pump, defect)
     offset = np.mod(angle - defect.angle + math.pi, 2 * math.pi) - math.pi
     inward = np.clip(stage.total / 2 - np.abs(offset), 0.0, stage.rise) / stage.rise
-    moving = -np.sign(offset) * ((inward > 0) & (inward < 1)) / stage.rise
+    # Sign and rate at which `inward` changes; 0 outside the recess and in the dwell.
+    rate = -np.sign(offset) * ((inward > 0) & (inward < 1)) / stage.rise
+
     if defect.edge == "half_sine":
-        shape, slope = np.sin(math.pi / 2 * inward), math.pi / 2 * np.cos(math.pi / 2 * inward)
+        phase = math.pi / 2 * inward
+        shape = np.sin(phase)
+        slope = math.pi / 2 * np.cos(phase)
     else:
-        shape, slope = (1 - np.cos(math.pi * inward)) / 2, math.pi / 2 * np.sin(math.pi * inward)
-    return stage.depth * shape, stage.depth * slope * moving
+        phase = math.pi * inward
+        shape = (1 - np.cos(phase)) / 2
+        slope = math.pi / 2 * np.sin(phase)
+    return stage.depth * shape, stage.depth * slope * rate
 
 
 def _orders(n_lines: int) -> Int[np.ndarray, " line"]:
@@ -143,10 +159,17 @@ def _orders(n_lines: int) -> Int[np.ndarray, " line"]:
 
 
 def angle_ahead(pump: Pump, index: int, name: str) -> float:
-    """Shaft angle [rad] by which piston `index` is ahead of piston 0."""
+    """Return the shaft angle [rad] by which piston `index` is ahead of piston 0.
+
+    Parameters
+    ----------
+    name : name of the index in the message of an error.
+    """
     count = pump.rotating_group.piston_count
     if index >= count:
-        raise InputError(f"{name} ({index}) is none of the {count} pistons; count from 0.")
+        raise InputError(
+            f"{name} ({index}) must be 0 to {count - 1}: the pump has {count} pistons."
+        )
     return 2 * math.pi * index / count
 
 
@@ -156,8 +179,11 @@ def slipper_displacements(
     defect: SwashPlateDefect,
     time: Float[np.ndarray, " time"],
 ) -> Float[np.ndarray, "piston time"]:
-    """Displacement H_j(t) [m] of each slipper in the recess at `time` [s] since top dead center of
-    piston 0.
+    """Return the displacement H_j(t) [m] of each slipper in the recess.
+
+    Parameters
+    ----------
+    time : time since top dead center of piston 0 [s].
     """
     count = pump.rotating_group.piston_count
     ahead = 2 * math.pi * np.arange(count)[:, None] / count
@@ -165,15 +191,16 @@ def slipper_displacements(
 
 
 def _integral(rate: Float[np.ndarray, " line"], length: float) -> Complex[np.ndarray, " line"]:
-    """Integral of exp(i rate s) over s from 0 to `length`."""
+    """Return the integral of exp(i rate s) over s from 0 to `length`."""
     return length * np.exp(0.5j * rate * length) * np.sinc(rate * length / (2 * math.pi))
 
 
 def _profile_lines(
     pump: Pump, defect: SwashPlateDefect, orders: Float[np.ndarray, " line"]
 ) -> np.ndarray:
-    """Lines [m] of one slipper that stands in the middle of the recess at angle 0; real, for its
-    path is symmetric.
+    """Return the lines [m] of one slipper that stands in the middle of the recess at angle 0.
+
+    They are real, because its path is symmetric.
     """
     stage = stages(pump, defect)
     if defect.edge == "half_sine":
@@ -181,8 +208,10 @@ def _profile_lines(
         rise = (_integral(rate - orders, stage.rise) - _integral(-rate - orders, stage.rise)) / 2j
     else:
         rate = math.pi / stage.rise
-        both = _integral(rate - orders, stage.rise) + _integral(-rate - orders, stage.rise)
-        rise = _integral(-orders, stage.rise) / 2 - both / 4
+        cosine = _integral(rate - orders, stage.rise) + _integral(-rate - orders, stage.rise)
+        rise = _integral(-orders, stage.rise) / 2 - cosine / 4
+
+    # Entry and exit are mirror images: twice the real part of the entry's integral.
     entry = (np.exp(0.5j * orders * stage.total) * rise).real
     dwell = np.sin(orders * stage.dwell / 2) / orders
     return 2 / math.pi * stage.depth * (dwell + entry)
@@ -196,26 +225,23 @@ def displacement_lines(
     *,
     scatter: Sequence[float] | Float[np.ndarray, " slipper"] | None = None,
 ) -> Complex[np.ndarray, " line"]:
-    """Order lines [m] of the total displacement H.
+    """Return the order lines [m] of the total displacement H.
 
     Neighboring slippers overlap in the paper's defect, and equal slippers leave only multiples of
     n: the lines of a healthy pump, weighted differently. `SwashPlateDefect.gain` is not applied
-    here; what slippers do not follow is left out where films are strained (`followed_share`).
+    here. If films are strained, only the share that slippers follow counts (`followed_share`).
 
     Parameters
     ----------
-    condition : its speed decides which orders lie above the defect's corner.
-    scatter : displacement of each slipper over the nominal one; None: all 1.
+    condition : its speed determines which orders lie above the defect's corner.
+    scatter : displacement of each slipper over the nominal one; None is 1 for all.
     """
     orders = _orders(n_lines)
-    combined = combined_lines(pump, orders, scatter)
+    lines = combined_lines(pump, orders, scatter)
     if defect.strains_films:
-        combined = combined * followed_share(defect, orders * condition.shaft_frequency)
-    return (
-        combined
-        * np.exp(-1j * orders * defect.angle)
-        * _profile_lines(pump, defect, orders.astype(float))
-    )
+        lines = lines * followed_share(defect, orders * condition.shaft_frequency)
+    lines = lines * np.exp(-1j * orders * defect.angle)
+    return lines * _profile_lines(pump, defect, orders.astype(float))
 
 
 def combined_lines(
@@ -223,36 +249,41 @@ def combined_lines(
     orders: Int[np.ndarray, " line"],
     scatter: Sequence[float] | Float[np.ndarray, " slipper"] | None,
 ) -> Complex[np.ndarray, " line"]:
-    """Sum over the slippers of the lines of a slipper at piston 0 over its own; see
-    `displacement_lines`.
+    """Return the lines of all slippers over those of the slipper of piston 0.
+
+    See `displacement_lines` for `scatter`.
     """
     count = pump.rotating_group.piston_count
     if scatter is None:
         return np.where(orders % count == 0, float(count), 0.0).astype(complex)
+
     weights = np.asarray(scatter, dtype=float)
     if weights.shape != (count,):
-        raise InputError(f"scatter has shape {weights.shape} for {count} slippers.")
+        raise InputError(
+            f"Invalid shape {weights.shape} of scatter: "
+            f"give one value for each of {count} slippers."
+        )
+    # Whole turns are taken off while they are integers, so that high orders lose no digits.
     turns = (orders[:, None] * np.arange(count)) % count / count
     return np.asarray(np.exp(2j * math.pi * turns) @ weights)
 
 
 def bore_lines(pump: Pump, defect: BoreDefect, n_lines: int) -> Complex[np.ndarray, " line"]:
-    """Order lines [m] of the lateral displacement H_c of the piston in the damaged bore, felt once
-    a revolution.
+    """Return the order lines [m] of the lateral displacement H_c of the piston in a damaged bore.
 
-    H_c = depth cos(pi (phi - angle) / (2 half_width)) where the bore's angle phi is within
-    `half_width` of the defect's.
+    H_c = depth cos(pi (phi - angle) / (2 half_width)) while the bore's angle phi is within
+    `half_width` of the defect's, once a revolution, and 0 otherwise.
     """
     if defect.half_width > math.pi:
         raise InputError(
-            f"BoreDefect.half_width ({math.degrees(defect.half_width):.4g} deg) must not exceed 180 deg."
+            f"BoreDefect.half_width ({math.degrees(defect.half_width):.4g} deg) must not exceed "
+            "180 deg."
         )
     orders = _orders(n_lines).astype(float)
     middle = defect.angle - angle_ahead(pump, defect.bore, "BoreDefect.bore")
-    turned = orders * defect.half_width / math.pi
-    cosine = defect.half_width * (
-        np.sinc(0.5 - turned) + np.sinc(0.5 + turned)
-    )  # its integral with cos(k u)
+    turns = orders * defect.half_width / math.pi
+    # Integral of the arch times cos(k u).
+    cosine = defect.half_width * (np.sinc(0.5 - turns) + np.sinc(0.5 + turns))
     return defect.depth / math.pi * np.exp(-1j * orders * middle) * cosine
 
 
@@ -270,8 +301,9 @@ class PortChange:
 
 @singledispatch
 def port_change(fault: Fault | None, angle: Float[np.ndarray, " angle"]) -> PortChange:
-    """How a fault changes the ports at a bore's shaft `angle` [rad]; not at all, unless registered
-    otherwise.
+    """Return how a fault changes the ports at a bore's shaft `angle` [rad]: by default not at all.
+
+    A new fault that changes them registers a function here.
     """
     return PortChange()
 
@@ -284,15 +316,15 @@ def _(fault: GrooveErosion, angle: Float[np.ndarray, " angle"]) -> PortChange:
 @port_change.register(DamScratch)
 def _(fault: DamScratch, angle: Float[np.ndarray, " angle"]) -> PortChange:
     from_bottom = np.mod(angle, 2 * math.pi) - math.pi
-    return PortChange(
-        discharge_opening=fault.area * np.exp(-0.5 * (from_bottom / fault.width) ** 2)
-    )
+    opening = fault.area * np.exp(-0.5 * (from_bottom / fault.width) ** 2)
+    return PortChange(discharge_opening=opening)
 
 
 @dataclass(frozen=True)
 class AddedLeakage:
-    """What a fault adds to the gaps through which the chambers leak; each value for all pistons, or
-    one for each.
+    """What a fault adds to the gaps through which the chambers leak.
+
+    Each value holds for all pistons, or is an array with one for each.
     """
 
     piston_clearance: float | Float[np.ndarray, " piston"] = 0.0
@@ -305,13 +337,14 @@ class AddedLeakage:
 
 @singledispatch
 def added_leakage(fault: Fault | None, pump: Pump) -> AddedLeakage:
-    """What a fault adds to the gaps through which chambers leak; nothing, unless registered
-    otherwise.
+    """Return what a fault adds to the gaps through which chambers leak: by default nothing.
+
+    A new fault that adds leakage registers a function here.
 
     Raises
     ------
     InputError
-        The fault names a piston that the pump has not.
+        The fault names a piston that the pump does not have.
     """
     return AddedLeakage()
 
@@ -336,6 +369,7 @@ def _(fault: ValvePlateWear, pump: Pump) -> AddedLeakage:
 
 
 def _at_piston(pump: Pump, piston: int, value: float, name: str) -> Float[np.ndarray, " piston"]:
-    """`value` at one piston and 0 at the others."""
-    angle_ahead(pump, piston, name)  # refuses a piston that there is not
+    """Return `value` at one piston and 0 at the others."""
+    # Called for its check that the pump has this piston.
+    angle_ahead(pump, piston, name)
     return np.where(np.arange(pump.rotating_group.piston_count) == piston, value, 0.0)

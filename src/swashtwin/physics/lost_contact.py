@@ -1,33 +1,32 @@
-"""Parts that lose contact and strike: slippers that ride through a recess, and a piston in the play
-of its joint.
+"""Parts that lose contact and strike: slippers in a recess, and a piston in a worn ball joint.
 
 **Riding.** No film holds a slipper down. Over the swash plate's surface H the displacement s of a
 slipper obeys
 
-    s <= H    and    m s'' <= F cos(gamma),    one of them with equality,
+    s <= H    and    m s'' <= F cos(gamma),    one of them with equality.
 
-F being the force along the shaft that presses it on: of its chamber, of its share in the central
-spring and of its own acceleration on the tilted plane. Where the surface falls away faster than F
+F is the force along the shaft that presses it on: of its chamber, of its share in the central
+spring and of its own acceleration on the tilted plane. If the surface falls away faster than F
 moves the slipper, or throws it off at the end of the recess, its contact force (F - m s'' / cos
 gamma) / cos gamma is zero until it lands. It does not rebound: the film damps m within C_sw / n, in
 less than a microsecond. Ours; docs/explanation/physics.md, section 2.5.
 
-**A loose slipper.** Its piston has its own displacement u along the shaft, relative to its slipper
-and positive toward the valve plate, between u = 0, where pressure presses it on, and u = clearance,
-where the retainer pulls it:
+**A loose slipper.** Its piston has a displacement u along the shaft, relative to its slipper and
+positive toward the valve plate. Pressure presses it on at u = 0, and the retainer pulls it at u =
+clearance:
 
     m u'' = -A (p - p_case) + m R tan(gamma) omega^2 cos(phi) - friction + stop forces
     p' = B(p) / V [Q_suction - Q_discharge - G (p - p_case) - V' + A u']
 
-with the chamber's own pressure p, whose ports are the orifices of `chambers`: while a port is
-barely open the pressure may be megapascals away from a tight joint's, where a linearized port would
-be wrong. Friction opposes the piston's sliding. A stop is a spring of such stiffness that an impact
-lasts `LooseSlipper.pulse`, with a damper for its restitution, and can only push; without bounce, as
-in the default, it is critically damped, which leaves e^-2 of the speed. The other chambers, the
-outlet line and the 13 degrees of freedom are taken as they would be with a tight joint. What is
-returned is the difference to the same joint without clearance: the extra load -m u'' along the
-shaft at the slipper's place, for the piston's mass moves with the retainer in the model, and what
-the extra pressure does anywhere.
+p is the pressure of the piston's chamber, whose ports are the orifices of `chambers`: while a port
+is barely open the pressure may be megapascals away from a tight joint's, and a linearized port
+would be wrong. Friction opposes the piston's sliding. A stop is a spring of such stiffness that an
+impact lasts `LooseSlipper.pulse`, with a damper for its restitution, and can only push; without
+bounce, as in the default, it is critically damped, which leaves e^-2 of the speed. The other
+chambers, the outlet line and the 13 degrees of freedom are those of a tight joint. The result is
+the difference to the same joint without clearance: the extra load -m u'' along the shaft at the
+slipper, because the piston's mass moves with the retainer in the model, and the loads of the extra
+pressure.
 """
 
 import math
@@ -49,9 +48,7 @@ from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, Pump, SwashP
 from swashtwin.signals import fourier_lines
 
 STEPS = 16384
-"""Time steps of a revolution. At 860 rev/min one is 4 microseconds; a loaded slipper falls by 0.07
-mm in 80.
-"""
+"""Time steps of a revolution: 4 us at 860 rev/min. A loaded slipper falls by 0.07 mm in 80 us."""
 
 
 def pressing_force(
@@ -111,36 +108,39 @@ def riding_lines(
     *,
     scatter: Float[np.ndarray, " slipper"] | None = None,
 ) -> Complex[np.ndarray, " line"]:
-    """Order lines 1...`n_lines` [m] of the total displacement of all slippers, in place of
-    `displacement_lines`.
+    """Return the order lines 1...`n_lines` [m] of the total displacement of all slippers.
+
+    For slippers that may lift off; `displacement_lines` is for those that follow the recess.
     """
     lines = fourier_lines(ride(pump, condition, defect))[1 : n_lines + 1]
     return combined_lines(pump, np.arange(1, n_lines + 1), scatter) * lines
 
 
 FRICTION = 20.0
-"""Friction [N] of a piston in its bore, which adds to its inertia where a loose slipper is pulled
-[estimate].
-"""
+"""Friction [N] of a piston in its bore, which resists the retainer's pull; an estimate."""
+
 STEPS_PER_PULSE = 100
 """Time steps of the march during one impact."""
+
 START = 1.5 * math.pi
-"""Shaft angle of the loose piston [rad] where the march starts: under pressure, so that it is
-pressed on.
-"""
+"""Shaft angle of the loose piston [rad] at the start: under pressure, so it is pressed on."""
+
 MAX_REVOLUTIONS = 20
-"""Revolutions after which a motion that has not repeated is given up; two are usual."""
-SLIDING = 0.01
-"""Sliding speed [m/s] below which a piston's friction fades, so that it does not switch."""
+"""Revolutions after which a motion that has not repeated is given up; two are typical."""
+
+MIN_SLIDING_SPEED = 0.01
+"""Sliding speed [m/s] below which friction fades, so that it does not switch at every step."""
+
+MAX_REPEAT_ERROR = 1e-6
+"""Change over a revolution, relative to typical sizes, at which the motion repeats."""
+
 ITERATIONS = 80
 """Newton iterations of the chamber's pressure in one step, at most."""
 
 
 @dataclass(frozen=True, eq=False)
 class LooseMotion:
-    """One revolution of a loose piston, on a uniform grid of its own shaft angle that starts at
-    `START`.
-    """
+    """One revolution of a loose piston, on a uniform grid of its shaft angle from `START`."""
 
     angle: Float[np.ndarray, " step"]
     """Its shaft angle [rad]."""
@@ -177,8 +177,9 @@ def _damping_ratio(restitution: float) -> float:
 def _steps(condition: OperatingCondition, fault: LooseSlipper) -> int:
     if not condition.period / 1e4 <= fault.pulse <= condition.period:
         raise InputError(
-            f"LooseSlipper.pulse ({fault.pulse:g} s) must lie between a ten-thousandth of a revolution and a "
-            f"revolution ({condition.period:.3g} s) to be simulated. Times are in seconds: 0.2 ms is 2e-4."
+            f"LooseSlipper.pulse ({fault.pulse:g} s) must lie between a ten-thousandth of a "
+            f"revolution and a revolution ({condition.period:.3g} s) to be simulated. "
+            "Times are in seconds: 0.2 ms is 2e-4."
         )
     return int(2 ** max(14, math.ceil(math.log2(STEPS_PER_PULSE * condition.period / fault.pulse))))
 
@@ -282,16 +283,27 @@ def _march(
     motion = np.empty((3, n_steps))
     for _ in range(MAX_REVOLUTIONS):
         end = _rattle(
-            step, clearance, stop, damper, mass, area, FRICTION, oil.bulk_modulus,
-            oil.air_fraction, condition.suction_pressure, condition.case_pressure, tables, start, *motion,
-        )  # fmt: skip
+            step,
+            clearance,
+            stop,
+            damper,
+            mass,
+            area,
+            oil.bulk_modulus,
+            oil.air_fraction,
+            condition.suction_pressure,
+            condition.case_pressure,
+            tables,
+            start,
+            *motion,
+        )
         change = float(np.max(np.abs(np.array(end) - start) / scale))
-        if change < 1e-6:
+        if change < MAX_REPEAT_ERROR:
             return motion
         start = np.array(end)
     raise SwashTwinError(
-        f"the loose slipper's motion does not repeat within {MAX_REVOLUTIONS} revolutions (it still "
-        f"changes by {change:.1e} of its play), so it has no order lines; lower "
+        f"The loose slipper's motion does not repeat within {MAX_REVOLUTIONS} revolutions (it "
+        f"still changes by {change:.1e} of its play), so it has no order lines; lower "
         "LooseSlipper.restitution or clearance."
     )
 
@@ -305,7 +317,6 @@ def _rattle(
     damper,
     mass,
     area,
-    friction,
     bulk,
     air,
     suction,
@@ -316,51 +327,77 @@ def _rattle(
     speed,
     pressure,
 ):
-    """Fill displacement, velocity and pressure from `start`; the state at the revolution's end.
+    """Fill displacement, velocity and pressure from `start`; return the state after a revolution.
 
     Rows of `tables`: volume [m^3], its growth [m^3/s], suction and discharge opening, leakage,
-    outlet pressure, rigid velocity [m/s], rigid acceleration [m/s^2]. Velocities first, then
-    displacements and, implicitly, the pressure.
+    outlet pressure, rigid velocity [m/s], rigid acceleration [m/s^2].
     """
-    steps = tables.shape[1]
-    u, v, p = start[0], start[1], start[2]
-    for i in range(steps):
-        displacement[i], speed[i], pressure[i] = u, v, p
+    n_steps = tables.shape[1]
+    u = start[0]
+    v = start[1]
+    p = start[2]
+    for i in range(n_steps):
+        displacement[i] = u
+        speed[i] = v
+        pressure[i] = p
+
         force = -area * (p - case) - mass * tables[7, i]
         if u < 0:
             force += max(0.0, -stop * u - damper * v)
         if u > clearance:
             force -= max(0.0, stop * (u - clearance) + damper * v)
-        force -= friction * max(-1.0, min(1.0, (tables[6, i] + v) / SLIDING))
+        sliding = (tables[6, i] + v) / MIN_SLIDING_SPEED
+        force -= FRICTION * max(-1.0, min(1.0, sliding))
+
+        # Velocity before displacement: in this order (symplectic Euler) a stop gains no energy.
         v += step * force / mass
         u += step * v
-        k = (i + 1) % steps
-        gas = air * ATMOSPHERE / max(p, AIR_FLOOR) ** 2
-        compliance = step / (tables[0, k] * (1 / bulk + gas))
-        before, damping, last = p, 1.0, 0.0
-        for _ in range(ITERATIONS):
-            inward, falling = orifice(tables[2, k], suction - p)
-            outward, rising = orifice(tables[3, k], p - tables[5, k])
-            flow = inward - outward - tables[4, k] * (p - case) - tables[1, k] + area * v
-            change = (before + compliance * flow - p) / (
-                1 + compliance * (falling + rising + tables[4, k])
-            )
-            damping = 0.5 * damping if change * last < 0 else min(1.0, 1.5 * damping)
-            last = change
-            p = max(p + damping * change, FLOOR)
-            if abs(change) < 1e-3:
-                break
+        p = _next_pressure(
+            step, area * v, bulk, air, suction, case, tables[:, (i + 1) % n_steps], p
+        )
     return u, v, p
+
+
+@compiled
+@no_type_check
+def _next_pressure(step, displaced, bulk, air, suction, case, row, previous):
+    """Return the chamber's pressure after a step of backward Euler.
+
+    `displaced` is the flow [m^3/s] that the loose piston displaces, and `row` is a column of the
+    tables of `_rattle`. The step is implicit because an open port is far stiffer than a time step.
+    """
+    gas = air * ATMOSPHERE / max(previous, AIR_FLOOR) ** 2
+    compliance = step / (row[0] * (1 / bulk + gas))
+    p = previous
+    damping = 1.0
+    previous_change = 0.0
+    for _ in range(ITERATIONS):
+        inward, falling = orifice(row[2], suction - p)
+        outward, rising = orifice(row[3], p - row[5])
+        flow = inward - outward - row[4] * (p - case) - row[1] + displaced
+        slope = 1 + compliance * (falling + rising + row[4])
+        change = (previous + compliance * flow - p) / slope
+
+        # A change of the other sign has passed the solution: the step is halved, and then regrows.
+        if change * previous_change < 0:
+            damping = 0.5 * damping
+        else:
+            damping = min(1.0, 1.5 * damping)
+        previous_change = change
+        p = max(p + damping * change, FLOOR)
+        if abs(change) < 1e-3:
+            break
+    return p
 
 
 @singledispatch
 def contact_lines(
     fault: Fault | None, pump: Pump, condition: OperatingCondition, n_lines: int, topology: str
 ) -> Complex[np.ndarray, "line 13"] | None:
-    """Lines 0...`n_lines` [N, N m] of forces that a fault's contacts add whatever the interface
-    values are.
+    """Return the lines 0...`n_lines` [N, N m] of forces that a fault's contacts add, or None.
 
-    None, unless registered otherwise.
+    They do not depend on the interface values. A new fault with such forces registers a function
+    here.
     """
     return None
 

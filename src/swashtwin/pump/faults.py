@@ -98,8 +98,8 @@ class SwashPlateDefect(Fault):
     """Width across the track [m]; the paper's by default."""
     angle: float = _dimension("rad", math.radians(270))
     """Shaft angle of its middle, from top dead center [rad]; 180-360 deg is the pressure side."""
-    entry: Literal["centre", "edge"] = "centre"
-    """Where the paper's distances l1...l3 start: at the slipper's ``centre`` (its word) or leading
+    entry: Literal["center", "edge"] = "center"
+    """Where the paper's distances l1...l3 start: at the slipper's ``center`` (its word) or leading
     ``edge`` (ours).
     """
     edge: Literal["half_sine", "raised_cosine"] = "half_sine"

@@ -133,7 +133,7 @@ def test_index_says_what_it_guessed_and_asks_a_terminal(
         "swashtwin.cli.recordings.sys", SimpleNamespace(stdin=SimpleNamespace(isatty=lambda: True))
     )
     output = run("index", folder).stdout
-    assert "label: normal (2), piston (2), says its name" in output
+    assert "label: normal (2), piston (2), from its name" in output
     assert {recording.sample_rate for recording in load_recordings(folder)} == {2000.0}
 
 

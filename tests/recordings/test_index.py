@@ -16,6 +16,7 @@ from swashtwin.foundation import (
     MPa,
     SwashTwinError,
     UnitError,
+    spell_for_python,
 )
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
@@ -268,17 +269,17 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
     pattern = r"(?P<label>normal|swash_plate|own)(_(?P<pressure>\d+)MPa)?.*?_?(?P<repeat>\d?)\."
     sentences = propose_index(rig, sample_rate="25.6 kHz", unit="m/s^2", include=["A01/*"]).facts
     assert sentences == (
-        "label: normal (1), swash_plate (1), says its name",
-        "specimen: A01 (2), says its name",
-        "speed: 860 rpm (2), says its name",
-        "pressure: 15 MPa (2), says its name",
-        "sample_rate: 25.6 kHz (2), says the option",
-        "unit: m/s^2 (2), says the option",
-        "channels: x, y (2), says the file",
+        "label: normal (1), swash_plate (1), from its name",
+        "specimen: A01 (2), from its name",
+        "speed: 860 rpm (2), from its name",
+        "pressure: 15 MPa (2), from its name",
+        "sample_rate: 25.6 kHz (2), from the settings",
+        "unit: m/s^2 (2), from the settings",
+        "channels: x, y (2), from the file",
     )
     sentences = propose_index(rig, include=["normal/*", "own.h5"]).facts
-    assert sentences[0] == "label: normal (1), says the folder's name; piston (1), says the file"
-    assert sentences[1] == "sample_rate: 1000 Hz (2), says the file"
+    assert sentences[0] == "label: normal (1), from the folder's name; piston (1), from the file"
+    assert sentences[1] == "sample_rate: 1000 Hz (2), from the file"
     proposal = propose_index(
         rig,
         sample_rate="25.6 kHz",
@@ -287,8 +288,8 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
         speed="860 rpm",
         include=["A01/*"],
     )
-    assert "attribute repeat: 1 (2), says the pattern" in proposal.facts
-    assert "speed: 860 rpm (2), says its name" in proposal.facts
+    assert "attribute repeat: 1 (2), from the pattern" in proposal.facts
+    assert "speed: 860 rpm (2), from its name" in proposal.facts
 
 
 def test_a_proposal_asks_for_missing_facts(rig: Path) -> None:
@@ -301,7 +302,7 @@ def test_a_proposal_asks_for_missing_facts(rig: Path) -> None:
     proposal = propose_index(rig, ask=ask)
     assert [key for key, _ in questions] == ["sample_rate", "unit"]
     assert questions[0][1].startswith(
-        "3 files (as A01/normal_15MPa_860rpm_1.csv) do not state their sample_rate."
+        "The sample_rate of 3 files is missing, such as that of A01/normal_15MPa_860rpm_1.csv."
     )
     assert proposal.index["defaults"] == {
         "sample_rate": "25.6 kHz",
@@ -309,7 +310,7 @@ def test_a_proposal_asks_for_missing_facts(rig: Path) -> None:
         "speed": "860 rpm",
     }
     with pytest.raises(
-        DataError, match="neither the files nor the options state sample_rate of 3 files"
+        DataError, match="neither the files nor the settings state sample_rate of 3 files"
     ):
         propose_index(rig, ask=lambda key, question: None)
 
@@ -318,10 +319,10 @@ def test_a_pressure_without_a_speed_is_kept_and_noticed(tmp_path: Path) -> None:
     rows = "\n".join(f"{value:.6f}" for value in np.random.default_rng(0).standard_normal(400))
     (tmp_path / "normal_15MPa.csv").write_text(f"x\n{rows}\n")
     proposal = propose_index(tmp_path, sample_rate="1 kHz", unit="g")
-    assert proposal.notes == (
-        'files state a pressure and no speed; add --speed "860 rpm" if it is known: calibration and shaft orders '
-        "need it.",
-    )
+    assert [note.describe(spell_for_python) for note in proposal.notes] == [
+        "files state a pressure and no speed, which calibration and shaft orders require. "
+        "Set speed='860 rpm' if it is known."
+    ]
     recordings = load_recordings(save_index(proposal.index, tmp_path / "recordings.toml"))
     assert recordings[0].condition is None
     assert specified_pressure(recordings[0]) == MPa(15)
@@ -335,6 +336,19 @@ def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
         propose_index(tmp_path)
     with pytest.raises(MissingFileError, match="not a folder"):
         propose_index(tmp_path / "nowhere")
+
+
+def test_a_pattern_adds_attributes_to_those_of_a_table(rig: Path) -> None:
+    (rig / "files.csv").write_text("file,label,n\nA01/normal_15MPa_860rpm_1.csv,ok,7\n")
+    index = propose_index(
+        rig,
+        table=rig / "files.csv",
+        columns={"serial": "n"},
+        label_pattern=r"(?P<serial>A01)/.*_(?P<repeat>\d)\.csv$",
+        sample_rate="1 kHz",
+        unit="g",
+    ).index
+    assert index["recording"][0]["attributes"] == {"repeat": "1", "serial": "7"}
 
 
 def test_a_proposal_takes_facts_from_a_table(rig: Path) -> None:
@@ -496,7 +510,7 @@ def test_a_pressure_without_a_unit_is_asked_for(tmp_path: Path) -> None:
     facts = touch(tmp_path, "normal_p120_1.csv")
     arguments = {**facts, "label_pattern": r"(?P<label>[a-z]+)_p(?P<pressure>\d+)"}
     with pytest.raises(
-        DataError, match=r"state pressure_unit of 1 files \(as .*\): --pressure-unit bar"
+        DataError, match=r"state pressure_unit of 1 file \(such as .*\)\. Set pressure_unit='bar'\."
     ):
         propose_index(tmp_path, **arguments)
     for index in (
@@ -522,7 +536,7 @@ def test_facts_in_headers_are_proposed(tmp_path: Path) -> None:
         "speed": "1500 rpm", "pressure": "120 bar", "oil_temperature": "45 degC",
     }  # fmt: skip
     assert proposal.index["recording"][0]["speed"] == "1797 rpm"
-    assert "speed: 1797 rpm (1), 1500 rpm (1), says the file" in proposal.facts
+    assert "speed: 1797 rpm (1), 1500 rpm (1), from the file" in proposal.facts
     save_index(proposal.index, tmp_path / "recordings.toml")
     conditions = [recording.condition for recording in load_recordings(tmp_path)]
     assert [condition.discharge_pressure for condition in conditions if condition] == [12e6]
@@ -554,10 +568,11 @@ def test_a_pattern_is_applied_to_what_is_included_and_can_be_read(tmp_path: Path
         tmp_path, label_pattern=r"(?P<label>[a-z]+)_\d", include=["a/*"], **facts
     )
     assert [entry["file"] for entry in proposal.index["recording"]] == ["a/normal_1.csv"]
-    assert [Path(reason.split()[0]).name.rstrip(":") for reason in proposal.skipped] == [
+    skipped = [finding.describe(spell_for_python) for finding in proposal.skipped]
+    assert [Path(reason.split()[0]).name.rstrip(":") for reason in skipped] == [
         "empty.csv", "files.csv", "notes.txt",
     ]  # fmt: skip
-    assert "a table of facts, for --table" in proposal.skipped[1]
+    assert "To take facts from it, specify it as table." in skipped[1]
 
 
 def test_a_slow_pattern_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -600,15 +615,16 @@ def test_the_files_of_a_table_are_looked_for_where_they_can_be(
             ("A_normal_1", "A_piston_1", "B_normal_1"),
             "the classes begin with A, B, which was read as the machine",
         ),
-        (("Test_1", "Test_2"), "every file is of the class 'Test': is that a class?"),
+        (("Test_1", "Test_2"), "every file is of the class 'Test'; is that a class?"),
         (
             ("pump_gut_1", "pump_piston_1"),
-            "all classes begin with pump: if that is a machine, take it out of the class "
-            "with --label-pattern '(?P<specimen>pump)[^a-zA-Z]+(?P<label>[a-zA-Z_]+)' --force.",
+            "all classes begin with pump. If that is a machine, separate it from the class with "
+            "label_pattern='(?P<specimen>pump)[^a-zA-Z]+(?P<label>[a-zA-Z_]+)' and force=True, ",
         ),
         (
             ("test_gut_1", "test_x1_leck"),
-            "all classes begin with test: if that is a machine, take it out of the class with --label-pattern.",
+            "all classes begin with test. If that is a machine, separate it from the class with "
+            "label_pattern.",
         ),
         (("swash_plate_1", "valve_plate_1"), None),
     ],
@@ -617,7 +633,8 @@ def test_a_machine_in_the_classes_is_hinted_at(
     names: tuple[str, ...], hint: str | None, tmp_path: Path
 ) -> None:
     notes = propose_index(tmp_path, **touch(tmp_path, *(f"{name}.csv" for name in names))).notes
-    assert [note.startswith(hint) for note in notes] == [True] if hint else notes == ()
+    texts = [note.describe(spell_for_python) for note in notes]
+    assert [text.startswith(hint) for text in texts] == [True] if hint else texts == []
 
 
 @pytest.mark.parametrize(
@@ -648,7 +665,7 @@ def test_a_pattern_leaves_what_else_stands_in_the_name(tmp_path: Path) -> None:
         "100 bar",
     )
     assert entry["attributes"] == {"place": "x"}
-    origins = {sentence.split(":")[0]: sentence.split(" says ")[1] for sentence in proposal.facts}
+    origins = {sentence.split(":")[0]: sentence.split(" from ")[1] for sentence in proposal.facts}
     assert (origins["specimen"], origins["pressure"], origins["speed"]) == (
         "its name",
         "the pattern",
@@ -673,7 +690,10 @@ def test_a_measured_speed_in_the_file_counts_for_more_than_that_of_its_name(tmp_
     touch(tmp_path, "normal_1500rpm.csv", text="Drehzahl;980,0 1/min\nx;y\n1.5;2.5\n3.5;4.5\n")
     proposal = propose_index(tmp_path, sample_rate="1 kHz", unit="g")
     assert proposal.index["recording"][0]["speed"] == "980.0 rpm"
-    assert "states speed = 1500 rpm, its header 980.0 rpm; the header's counts" in proposal.notes[0]
+    assert (
+        "states speed = 1500 rpm, its header 980.0 rpm; the header's counts"
+        in proposal.notes[0].message
+    )
     alone = load_recording(tmp_path / "normal_1500rpm.csv", sample_rate="1 kHz", unit="g")
     assert specified_shaft_frequency(alone) == pytest.approx(980 / 60)
     stated = load_recording(

@@ -105,6 +105,8 @@ def index(
         )
     save_index(proposal.index, path)
 
+    skipped = [finding.describe(spell_as_option) for finding in proposal.skipped]
+    notes = [finding.describe(spell_as_option) for finding in proposal.notes]
     n_recordings = len(proposal.index["recording"])
     classes = proposal.index.get("classes", [])
     result = {
@@ -112,14 +114,14 @@ def index(
         "recordings": n_recordings,
         "classes": classes,
         "fact_sources": list(proposal.facts),
-        "skipped": list(proposal.skipped),
-        "notes": list(proposal.notes),
+        "skipped": skipped,
+        "notes": notes,
     }
 
     def show() -> None:
-        for reason in proposal.skipped:
+        for reason in skipped:
             print_note(f"excluded: {reason}")
-        for text in proposal.notes:
+        for text in notes:
             print_note(f"note: {text}")
         for text in proposal.facts:
             print_text(text)

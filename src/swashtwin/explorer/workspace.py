@@ -186,7 +186,7 @@ class Workspace:
             return
 
         self._proposed = dict(proposal.index)
-        self.skipped = proposal.skipped
+        self.skipped = [finding.describe() for finding in proposal.skipped]
         self._replace_table(self._proposed)
 
     def refresh(self) -> None:

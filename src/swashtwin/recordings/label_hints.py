@@ -6,11 +6,12 @@ from typing import Any
 
 from swashtwin.pump import is_healthy
 from swashtwin.recordings.fact_extraction import MACHINE_NAME
+from swashtwin.recordings.findings import Finding
 
 _MAX_LISTED_WORDS = 4
 
 
-def move_machines_out_of_labels(entries: Iterable[dict[str, Any]]) -> list[str]:
+def move_machines_out_of_labels(entries: Iterable[dict[str, Any]]) -> list[Finding]:
     """Move the machine that begins each class, as in ``A_normal``, to the specimen.
 
     Returns
@@ -28,10 +29,11 @@ def move_machines_out_of_labels(entries: Iterable[dict[str, Any]]) -> list[str]:
         entry["specimen"] = word
         entry["label"] = rest
     machines = ", ".join(sorted({word for word, _ in pairs}))
-    return [
+    message = (
         f"the classes begin with {machines}, which was read as the machine (specimen); "
         "correct the index if it is not."
-    ]
+    )
+    return [Finding("machine_in_class", "note", None, message)]
 
 
 def _split_label(entry: Mapping[str, Any]) -> tuple[str, str]:
@@ -47,35 +49,40 @@ def find_single_label(entries: Iterable[Mapping[str, Any]]) -> str | None:
     return str(labels[0])
 
 
-def label_hints(entries: Iterable[Mapping[str, Any]]) -> list[str]:
+def label_hints(entries: Iterable[Mapping[str, Any]]) -> list[Finding]:
     """Return notes about labels: one for all files, or a first word that may be a machine."""
     labeled = [entry for entry in entries if "label" in entry]
     hints = []
     single_label = find_single_label(labeled)
     if single_label:
-        hints.append(
-            f"every file is of the class {single_label!r}: is that a class? "
-            "--label-pattern says how paths state it."
-        )
+        message = f"every file is of the class {single_label!r}; is that a class?"
+        remedy = "Specify how paths state the class with {label_pattern}."
+        hints.append(Finding("single_class", "note", None, message, remedy))
 
     pairs = sorted({_split_label(entry) for entry in labeled})
     words = sorted({word for word, _ in pairs})
     have_rest = len(pairs) > 1 and all(rest for _, rest in pairs)
     if have_rest and (len(words) == 1 or any(is_healthy(rest) for _, rest in pairs)):
         listed = ", ".join(words[:_MAX_LISTED_WORDS])
+        remedy = (
+            f"If that is a machine, separate it from the class with {_pattern(labeled, words)}."
+        )
         hints.append(
-            f"all classes begin with {listed}: if that is a machine, take it out of the class "
-            f"with {_pattern_option(labeled, words)}."
+            Finding("machine_in_class", "note", None, f"all classes begin with {listed}.", remedy)
         )
     return hints
 
 
-def _pattern_option(labeled: Iterable[Mapping[str, Any]], words: Iterable[str]) -> str:
-    """Return the option that separates the words from the classes; without value if none fits."""
+def _pattern(labeled: Iterable[Mapping[str, Any]], words: Iterable[str]) -> str:
+    """Return the settings that separate the words from the classes; without value if none fits."""
     machines = "|".join(map(re.escape, words))
     pattern = rf"(?P<specimen>{machines})[^a-zA-Z]+(?P<label>[a-zA-Z_]+)"
     for entry in labeled:
         match = re.search(pattern, entry["file"])
         if match is None or match["label"].strip("_") != _split_label(entry)[1]:
-            return "--label-pattern"
-    return f"--label-pattern '{pattern}' --force"
+            return "{label_pattern}"
+
+    if re.search("[{}']", pattern):
+        # These characters would end the setting or its value.
+        return "{label_pattern}"
+    return f"{{label_pattern='{pattern}'}} and {{force=True}}, which replaces the index"

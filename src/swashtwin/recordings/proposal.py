@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, MissingFileError, parse_quantity, plain_text
+from swashtwin.foundation import DataError, MissingFileError, parse_quantity, plain_text, plural
 from swashtwin.recordings.column_selection import (
     rate_in_file,
     resolve_sample_rate,
@@ -21,7 +21,7 @@ from swashtwin.recordings.fact_extraction import (
     read_fact_table,
 )
 from swashtwin.recordings.file_formats import open_raw, stem_of, suffix_of, suffixes
-from swashtwin.recordings.findings import join_names
+from swashtwin.recordings.findings import Finding, join_names
 from swashtwin.recordings.formats.raw_file import RawFile
 from swashtwin.recordings.formats.sample_units import require_sample_unit
 from swashtwin.recordings.index_writing import relative_path
@@ -49,30 +49,31 @@ _MAX_HEAD_BYTES = 1 << 16
 class _Question:
     """How a missing fact is asked for."""
 
-    option: str
-    """Option that answers it, with an example."""
+    setting: str
+    """Setting that answers it, with an example, in braces (`foundation.render_settings`)."""
     text: str
+    """Question, without its question mark."""
 
 
 _QUESTIONS = {
     "sample_rate": _Question(
-        '--sample-rate "25.6 kHz"',
+        "{sample_rate='25.6 kHz'}",
         "How many samples per second and channel do they have, with the unit",
     ),
     "unit": _Question(
-        '--unit "g" (or "V", "1")',
+        "{unit='g'} (or 'V', '1')",
         'In which unit are their samples: g, m/s^2, V, or "1" if it is unknown',
     ),
     "sensitivity": _Question(
-        '--sensitivity "50 m/s^2" (value of full scale), or --unit "1" if it is unknown',
+        "{sensitivity='50 m/s^2'} (value of full scale), or {unit='1'} if it is unknown",
         "Which quantity is the full scale of their integers, such as 50 m/s^2",
     ),
     "pressure_unit": _Question(
-        "--pressure-unit bar",
+        "{pressure_unit='bar'}",
         "Their pressures have no unit: is it MPa, bar, kPa or psi",
     ),
     "label": _Question(
-        "--label-pattern",
+        "{label_pattern}",
         "Which regular expression finds the class in their paths, as (?P<label>...)",
     ),
 }
@@ -84,11 +85,11 @@ class IndexProposal:
 
     index: Mapping[str, Any]
     """The index as `save_index` writes it."""
-    skipped: tuple[str, ...]
+    skipped: tuple[Finding, ...]
     """Files that are not in it, each with the reason."""
     facts: tuple[str, ...]
     """For each fact its values with their number of files and their origin: check them first."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Finding, ...] = ()
     """What looks wrong about the facts."""
 
 
@@ -249,11 +250,11 @@ class _Survey:
     pattern: str | None
     pressure_unit: str | None
     entries: list[dict[str, Any]] = field(default_factory=list)
-    skipped: list[str] = field(default_factory=list)
+    skipped: list[Finding] = field(default_factory=list)
     missing: dict[str, list[str]] = field(default_factory=dict)
     """Files that lack a fact."""
     facts: list[Facts] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    notes: list[Finding] = field(default_factory=list)
 
     def read(self, names: Sequence[str]) -> None:
         """Read the facts of files, or why they cannot be read."""
@@ -267,16 +268,24 @@ class _Survey:
                 # A table names recordings: one that is damaged is an error, an empty one is not.
                 if self.table_facts is not None and path.stat().st_size:
                     raise
-                self.skipped.append(str(cause))
+                self._skip(cause.message, cause.remedy)
                 continue
 
-            other = None
+            named_file = None
             if self.table_facts is None and "text_columns" in raw.attributes:
-                other = _find_named_file(path, names)
-            if other is None:
+                named_file = _find_named_file(path, names)
+            if named_file is None:
                 self._add(name, raw)
             else:
-                self.skipped.append(f"{path} names {other}: a table of facts, for --table.")
+                self._skip(
+                    f"{path} names {named_file}.", "To take facts from it, specify it as {table}."
+                )
+
+    def _skip(self, reason: str, remedy: str) -> None:
+        self.skipped.append(Finding("skipped", "note", None, reason, remedy))
+
+    def _note(self, kind: str, message: str, remedy: str = "") -> None:
+        self.notes.append(Finding(kind, "note", None, message, remedy))
 
     def _entry(self, values: Mapping[str, Any]) -> Entry:
         return Entry.from_mapping({**self.defaults, **values}, str(self.folder / values["file"]))
@@ -308,7 +317,12 @@ class _Survey:
             if self.pattern:  # it adds what the table lacks
                 path_facts, pattern_keys = parse_path_facts(name, self.pattern)
                 pattern_keys = pattern_keys - row.keys()
-                values = {key: path_facts[key] for key in pattern_keys}
+                values = {key: path_facts[key] for key in pattern_keys & path_facts.keys()}
+                # A group that is not a key of an entry is an attribute.
+                row_attributes = row.get("attributes", {})
+                attributes = {**path_facts.get("attributes", {}), **row_attributes}
+                if attributes:
+                    row = {**row, "attributes": attributes}
             values.update(row)
         if raw.facts.get("label"):
             values.pop("label", None)
@@ -321,9 +335,10 @@ class _Survey:
         if differing:
             key = differing[0]
             winner = "header's" if self.table_facts is None else "table's"
-            self.notes.append(
+            self._note(
+                "contradicted",
                 f"{name} states {key} = {values[key]}, its header {header[key]}; "
-                f"the {winner} counts."
+                f"the {winner} counts.",
             )
 
         origins = dict.fromkeys(pattern_keys, "the pattern")
@@ -363,14 +378,16 @@ class _Survey:
 
         other_columns = [column for column in raw.columns if column not in columns]
         if entry.channels is None and other_columns:
-            self.notes.append(
+            self._note(
+                "other_columns",
                 f"columns of other quantities than vibration are skipped: "
-                f"{', '.join(other_columns)}."
+                f"{', '.join(other_columns)}.",
             )
         if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
-            self.notes.append(
-                'files state a pressure and no speed; add --speed "860 rpm" if it is known: '
-                "calibration and shaft orders need it."
+            self._note(
+                "no_speed",
+                "files state a pressure and no speed, which calibration and shaft orders require.",
+                "Set {speed='860 rpm'} if it is known.",
             )
 
     def _collect_origins(
@@ -389,7 +406,7 @@ class _Survey:
         default_origin = "its name" if self.table_facts is None else "the table"
         facts: Facts = {}
         for key, value in self.defaults.items():
-            facts[key] = (_value_text(value), "the option")
+            facts[key] = (_value_text(value), "the settings")
         for key, value in entry.items():
             if key not in ("file", "attributes", "id", "sha256"):
                 facts[key] = (_value_text(value), origins.get(key, default_origin))
@@ -424,8 +441,8 @@ class _Survey:
         for key, names in self.missing.items():
             argument = "label_pattern" if key == "label" else key
             questions[argument] = (
-                f"{len(names)} files (as {names[0]}) do not state their {key}. "
-                f"{_QUESTIONS[key].text}?"
+                f"The {key} of {plural(len(names), 'file')} is missing, such as that of "
+                f"{names[0]}. {_QUESTIONS[key].text}?"
             )
 
         single_label = find_single_label(self.entries)
@@ -439,16 +456,27 @@ class _Survey:
 
     def require_complete(self) -> None:
         """Refuse files that lack a fact, or a folder without any."""
-        parts = []
+        facts = []
+        settings = []
         for key, names in self.missing.items():
-            parts.append(f"{key} of {len(names)} files (as {names[0]}): {_QUESTIONS[key].option}")
-        if parts:
+            facts.append(f"{key} of {plural(len(names), 'file')} (such as {names[0]})")
+            settings.append(_QUESTIONS[key].setting)
+        if facts:
             raise DataError(
-                f"{self.folder}: neither the files nor the options state {'; '.join(parts)}."
+                f"{self.folder}: neither the files nor the settings state {'; '.join(facts)}.",
+                field=next(iter(self.missing)),
+                remedy=f"Set {'; '.join(settings)}.",
+            )
+
+        if self.skipped and not self.entries:
+            reason = self.skipped[0]
+            raise DataError(
+                f"{self.folder} holds no file to index: {reason.message}", remedy=reason.remedy
             )
         if not self.entries:
-            reason = self.skipped[0] if self.skipped else f"supported are {', '.join(suffixes())}."
-            raise DataError(f"{self.folder} holds no file to index: {reason}")
+            raise DataError(
+                f"{self.folder} holds no file to index: supported are {', '.join(suffixes())}."
+            )
 
 
 def _find_named_file(path: Path, names: Sequence[str]) -> str | None:
@@ -524,7 +552,7 @@ def _describe_facts(files: Iterable[Facts]) -> tuple[str, ...]:
         parts = []
         for origin, values in counts[key].items():
             texts = [f"{value} ({count})" for value, count in values.items()]
-            parts.append(f"{join_names(texts, _MAX_LISTED_VALUES)}, says {origin}")
+            parts.append(f"{join_names(texts, _MAX_LISTED_VALUES)}, from {origin}")
         lines.append(f"{key}: {'; '.join(parts)}")
     return tuple(lines)
 

@@ -10,25 +10,25 @@ from golden_files import load_golden
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "json.md"
 _FURTHER = ", ".join(f"`{key}`" for key in sorted(VOLATILE - {"command", "key", "device"}))
-_INTRODUCTION = f"""# What `--json` prints
+_INTRODUCTION = f"""# The output of `--json`
 
-Every command takes `--json` and then prints exactly one JSON object on standard output; progress and notes go to
-standard error. Numbers are SI unless the key says otherwise. A missing number is `null`, never `NaN`. This page is made
-from answers that the tests compare; where a key is a class, a channel or a recording, those of the example stand here.
-Commands that are not listed name the files that they wrote, and count what is in them.
+With `--json` every command prints exactly one JSON object on standard output. Progress and notes go to standard error.
+Numbers are in SI units unless the key gives another unit. A missing number is `null`, never `NaN`. This page is generated
+from outputs that the tests compare. Keys that are classes, channels or recordings are those of the example. Commands that
+are not listed here print the names of the files that they wrote, and the number of items in them.
 
-Besides these keys an answer may hold {_FURTHER}.
-Keys may be added at any time. Before version 1.0 one may also be renamed or removed; the changelog says so.
+An output may also contain the keys {_FURTHER}.
+Keys may be added at any time. Before version 1.0 keys may also be renamed or removed; the changelog lists these changes.
 
 ## Exit codes
 | code | meaning |
 | --- | --- |
-| 0 | done |
-| 1 | a bug of ours |
+| 0 | success |
+| 1 | internal error; please report it |
 | 2 | wrong command line |
-| 3 | bad data or value; one line on standard error says what is wrong and what would be right |
+| 3 | bad data or value; one line on standard error states what is wrong, what is allowed, and what to do |
 | 4 | a recording has no verdict |
-| 5 | the recordings are sound but too few (`check`) |
+| 5 | the recordings are sound, but there are too few (`check`) |
 | 130 | interrupted |
 """
 

@@ -254,7 +254,7 @@ def test_hydraulic_originals_of_100_hz_become_means_over_a_tenth_of_a_second(
 def test_a_folder_without_the_set_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match="not a folder"):
         read_public_set(name, tmp_path / "nowhere")
-    with pytest.raises(DataError, match="name the folder that holds the set"):
+    with pytest.raises(DataError, match="Give the folder that holds the set"):
         read_public_set(name, tmp_path)
     savemat(tmp_path / "a.mat", {"x": np.arange(5.0)})
     for other in ("a.dat", "a.txt"):

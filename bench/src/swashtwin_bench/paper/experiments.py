@@ -69,29 +69,36 @@ PICTURES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 """Pictures that the paper shows, and how the names of ours end."""
 
 SAME = (
-    "Pump 25SCY14-1B at 860 rev/min and 5, 10 and 15 MPa; five classes; the swash plate fault at 15 MPa is scarce, and "
-    "twins fill it with three windows for each measured one; training sets are measured windows only, with a nominal "
-    "twin, or with calibrated twins; test windows are measured. The paper's network, by Adam with a rate of 0.001.",
-    "Ablation: A ordinary in place of dilated causal convolution, B no squeeze-and-excitation, C the forward branch "
-    "only. IPINN with four convolutions, base values times magnitudes, boundary and spectrum loss, Adam, 500 epochs; "
-    "the best epoch is the result.",
+    "Pump 25SCY14-1B at 860 rev/min and 5, 10 and 15 MPa; five classes; the swash plate fault at "
+    "15 MPa is scarce, and twins fill it with three windows for each measured one; training sets "
+    "are measured windows only, with a nominal twin, or with calibrated twins; test windows are "
+    "measured. The paper's network, by Adam with a rate of 0.001.",
+    "Ablation: A ordinary in place of dilated causal convolution, B no squeeze-and-excitation, C "
+    "the forward branch only. IPINN with four convolutions, base values times magnitudes, boundary "
+    "and spectrum loss, Adam, 500 epochs; the best epoch is the result.",
 )
 """What is as in the paper."""
 
 DIFFERENT = (
-    "Recordings are of the virtual rig, which is no machine; the paper's are of one real rig. The paper's figures are "
-    "no target that these could meet or miss. Three accelerometers in place of thirteen, whose places are not public.",
-    "The recess is 0.07 mm deep in place of 0.6 mm, but in the experiment recess, where films pull the slippers "
-    "through it as in the paper's model (version 1-deep of the rig).",
-    "The paper prints no size of its networks, no length of a window and no scaling: these are our reading. A window "
-    "is 80 ms and scaled by itself. The last epoch counts, never the one best on the test.",
-    "The paper does not say whether training and test share recordings: both cases stand by recording (L2) and on "
-    "random windows (L0). It does not define its noise ratio; nor its G-mean, which is another than ours.",
-    "Recurrent networks read patches of 16 samples and TCN steps of 8. The trainings of the algorithms are repeated on "
-    "one fleet, as the paper's ten: the spread is that of weights and order alone.",
-    "The paper prints no figure for related work. The autoencoder is that of Sohaib and Kim, DOI 10.1155/2018/2919637; "
-    "which graph networks the paper cites is not public in text: a graph of three sensors is our reading.",
-    "The steady vibration is solved by harmonic balance inside the IPINN's loss, which gives the lines of RK4.",
+    "Recordings are of the virtual rig, which is no machine; the paper's are of one real rig. The "
+    "paper's figures are no target that these could meet or miss. Three accelerometers in place of "
+    "thirteen, whose places are not public.",
+    "The recess is 0.07 mm deep in place of 0.6 mm, but in the experiment recess, where films pull "
+    "the slippers through it as in the paper's model (version 1-deep of the rig).",
+    "The paper prints no size of its networks, no length of a window and no scaling: these are our "
+    "reading. A window is 80 ms and scaled by itself. The last epoch counts, never the one best on "
+    "the test.",
+    "The paper does not say whether training and test share recordings: both cases stand by "
+    "recording (L2) and on random windows (L0). It does not define its noise ratio; nor its "
+    "G-mean, which is another than ours.",
+    "Recurrent networks read patches of 16 samples and TCN steps of 8. The trainings of the "
+    "algorithms are repeated on one fleet, as the paper's ten: the spread is that of weights and "
+    "order alone.",
+    "The paper prints no figure for related work. The autoencoder is that of Sohaib and Kim, DOI "
+    "10.1155/2018/2919637; which graph networks the paper cites is not public in text: a graph of "
+    "three sensors is our reading.",
+    "The steady vibration is solved by harmonic balance inside the IPINN's loss, which gives the "
+    "lines of RK4.",
 )
 """What differs, and why."""
 
@@ -149,7 +156,8 @@ def run_paper(
         sets = tuple(each for each in chosen.training_sets if each in plan.training_sets)
         if not sets and chosen.training_sets and len(plan.training_sets) > 1:
             raise InputError(
-                f"no training set {chosen.training_sets[0]!r}; there are {', '.join(plan.training_sets)}."
+                f"no training set {chosen.training_sets[0]!r}; there are "
+                f"{', '.join(plan.training_sets)}."
             )
         plan = plan.with_settings(replace(chosen, training_sets=sets))
         results[plan.study] = run_plan(plan, fleet(plan.rig), work)
@@ -237,13 +245,15 @@ def convergence_sentence(study: StudyResult) -> str:
     if MAIN not in means:
         return "Convergence: no fleet has a training of every network yet."
     listed = "; ".join(
-        f"{format_factor('classifier', name)} {format_number(epochs)} epochs and {format_number(seconds)} s"
+        f"{format_factor('classifier', name)} {format_number(epochs)} epochs and "
+        f"{format_number(seconds)} s"
         for name, (epochs, seconds) in means.items()
     )
     others = [pair for name, pair in means.items() if name != MAIN]
     is_first = all(means[MAIN][kind] < other[kind] for other in others for kind in (0, 1))
     return (
-        f"Convergence to a training loss that all reach: {listed}. The full network is {'' if is_first else 'not '}the "
+        f"Convergence to a training loss that all reach: {listed}. The full network is "
+        f"{'' if is_first else 'not '}the "
         "fastest by both."
     )
 
@@ -296,9 +306,10 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
                 SectionOrder.VERDICT,
                 "What is compared",
                 (
-                    "The paper: IPINN-BiTCN fault diagnosis of axial piston pump friction pairs under imbalanced "
-                    "samples, Measurement and Control, DOI 10.1177/00202940261419020. Its figures are as printed "
-                    "there; ours come from the runs of this folder.",
+                    "The paper: IPINN-BiTCN fault diagnosis of axial piston pump friction pairs "
+                    "under imbalanced samples, Measurement and Control, DOI "
+                    "10.1177/00202940261419020. Its figures are as printed there; ours come from "
+                    "the runs of this folder.",
                     Bullets("The same as in the paper", SAME),
                     Bullets("Different, and why", (*_smaller(size), *DIFFERENT)),
                     Table(
@@ -348,14 +359,16 @@ def _smaller(size: str) -> tuple[str, ...]:
     text = f"Size {size}: {training.epochs} epochs in place of {paper.epochs}"
     if size == "medium":
         return (
-            f"{text}, and the paper's network reads patches of {plans.PATCH} samples in place of every sample.",
+            f"{text}, and the paper's network reads patches of {plans.PATCH} samples in place of "
+            "every sample.",
         )
     counts, full = plans.SCENARIOS[PAPER, size], plans.SCENARIOS[PAPER, "paper"]
     return (
-        f"{text}, batches of {training.batch_size} in place of {paper.batch_size}; {counts.windows} windows of each "
-        f"recording in place of {full.windows}, {counts.scarce_windows} measured windows in the scarce cell in place "
-        f"of {full.scarce_windows}, {counts.synthetic} synthetic ones in place of {full.synthetic}. It shows that "
-        "every experiment runs, not how good it is.",
+        f"{text}, batches of {training.batch_size} in place of {paper.batch_size}; "
+        f"{counts.windows} windows of each recording in place of {full.windows}, "
+        f"{counts.scarce_windows} measured windows in the scarce cell in place of "
+        f"{full.scarce_windows}, {counts.synthetic} synthetic ones in place of {full.synthetic}. "
+        "It shows that every experiment runs, not how good it is.",
     )
 
 

@@ -137,9 +137,10 @@ def run_identification(
         origin=describe_origin([pumps[0].held_out]),
         command=work.command,
         notes=(
-            "RMSE, PE and SVE are those on a recording that was held out, of the same pump, fault and pressure; the "
-            "paper measures them on the recordings that it identifies from. The loss is that of the recordings "
-            "calibrated on. The RMSE of the waveform need not fall: the spectrum loss drops the phase.",
+            "RMSE, PE and SVE are those on a recording that was held out, of the same pump, fault "
+            "and pressure; the paper measures them on the recordings that it identifies from. The "
+            "loss is that of the recordings calibrated on. The RMSE of the waveform need not fall: "
+            "the spectrum loss drops the phase.",
             *refusals,
         ),
         details={
@@ -168,7 +169,8 @@ def _pumps(recordings: Sequence[Recording], seed: int) -> list[_Pump]:
     ]
     if not pumps:
         raise DataError(
-            f"no pump has two recordings of {LABEL} at {PRESSURE / 1e6:g} MPa, one to calibrate on and one to test on."
+            f"no pump has two recordings of {LABEL} at {PRESSURE / 1e6:g} MPa, one to calibrate on "
+            "and one to test on."
         )
     return pumps
 
@@ -228,12 +230,14 @@ def _sentence(study: StudyTable) -> str:
         interval = f" ({low:+.3f} to {high:+.3f})" if low == low else ""
         change = f"change {pairs.mean():+.3f}{interval}" if pairs.size else "no search ended"
         changes.append(
-            f"{metric.upper()} {format_number(float(np.nanmean(before)))} in the nominal twin, {change}"
+            f"{metric.upper()} {format_number(float(np.nanmean(before)))} in the nominal twin, "
+            f"{change}"
         )
     failed = len(study.of(twin=BEST_CANDIDATE)) - pairs.size
     return (
-        f"IPINN at the paper's rate, errors on recordings held out: {'; '.join(changes)}; n = {pairs.size} pumps"
-        f"{f', {failed} failed' if failed else ''}. The paper: all three fall; best epoch 453 of 500."
+        f"IPINN at the paper's rate, errors on recordings held out: {'; '.join(changes)}; n = "
+        f"{pairs.size} pumps{f', {failed} failed' if failed else ''}. The paper: all three fall; "
+        "best epoch 453 of 500."
     )
 
 
@@ -273,10 +277,11 @@ def values_table(study: StudyTable) -> Table:
             )
         )
     return Table(
-        "The six values [N·s/m, N/m]. True and identified ones are shares of the nominal one: the rig's mean, and the "
-        "geometric mean over the pumps with the factor of one standard deviation. The rig's own factor is "
-        f"{format_number(float(np.exp(DISPERSION)))}. The rig was built so that C_sw and C_hz move as the paper found: to "
-        "agree with the paper proves nothing.",
+        "The six values [N·s/m, N/m]. True and identified ones are shares of the nominal one: the "
+        "rig's mean, and the geometric mean over the pumps with the factor of one standard "
+        f"deviation. The rig's own factor is {format_number(float(np.exp(DISPERSION)))}. The rig "
+        "was built so that C_sw and C_hz move as the paper found: to agree with the paper proves "
+        "nothing.",
         (
             "value",
             "the paper, empirical to identified",
@@ -335,6 +340,6 @@ def rates_drawing(study: StudyTable) -> Drawing:
         tabulate(rows),
         title="Loss of the IPINN by learning rate",
         caption="Spectrum loss and boundary loss together: the median over pumps, and the 25th to 75th percentile. "
-        f"Cut at {_CUT} times the median loss of epoch 1; single epochs reach at most so many times the first loss of "
-        f"their pump: {', '.join(rises) or 'none'}.",
+        f"Cut at {_CUT} times the median loss of epoch 1; single epochs reach at most so many "
+        f"times the first loss of their pump: {', '.join(rises) or 'none'}.",
     )

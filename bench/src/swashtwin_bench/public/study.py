@@ -1,5 +1,6 @@
-"""The ordinary training on every public set, on splits that keep groups apart, beside windows dealt
-at random.
+"""Default training on every public set, by splits that keep groups apart.
+
+For comparison, one row has windows assigned at random.
 """
 
 import time
@@ -37,18 +38,30 @@ METRICS = {
     "cpu_s": "processor time of a training and its test [s]",
 }
 
+# Figures of each fold in the details of the study.
+FOLD_FIGURES = (
+    "balanced_accuracy",
+    "recording_balanced_accuracy",
+    "copies",
+    "choice",
+    "window",
+    "cpu_s",
+    "refused",
+)
+
 AT_RANDOM = "extra trees, random windows"
-"""Row of the score that a leaky split would print."""
+"""Row of the score that a leaky split would give."""
 
 _NOTES = (
-    "The groups named by the split are kept apart; balanced accuracy, folds averaged. Nothing is set but the "
-    "recordings and the seed: window, scaling, gain and noise in training are the training's to choose, from the "
-    "training side alone. Other classifiers take the default's window.",
-    f"{AT_RANDOM}: five folds of windows dealt at random, as in many papers, so that windows of one recording are on "
-    "both sides.",
-    "Channels that are constant in any recording of a set are left out of it (PS4 of uci_hydraulic).",
-    "A seed draws the training anew; the sides are always whole, but for test recordings that hold the same samples as "
-    "a training recording under another name (details.folds counts them as copies).",
+    "Groups named by the split are kept apart; balanced accuracy, mean over the folds. Only the "
+    "recordings and the seed are given: the training selects window, scaling, gain and noise from "
+    "the training side alone. Other classifiers use the default window.",
+    f"{AT_RANDOM}: five folds of windows assigned at random, as in many papers, so that both sides "
+    "have windows of one recording.",
+    "Channels that are constant in any recording of a set are excluded (PS4 of uci_hydraulic).",
+    "Each seed repeats the training. The sides are always whole, except for test recordings that "
+    "hold the same samples as a training recording under another name (details.folds counts them "
+    "as copies).",
 )
 
 
@@ -64,18 +77,27 @@ class _Case:
 
     @property
     def task(self) -> Task:
-        settings = {name: str(value) for name, value in self.estimator(()).get_params().items()}
-        settings |= Model(BEST_CANDIDATE).describe() if self.classifier == BEST_CANDIDATE else {}
-        sides = {"train": sorted(self.fold.train), "test": sorted(self.fold.test)}
+        """Run of this case, which a folder of earlier runs may hold."""
+        model = {name: str(value) for name, value in self.estimator(()).get_params().items()}
+        if self.classifier == BEST_CANDIDATE:
+            model |= Model(BEST_CANDIDATE).describe()
+
         factors = {"classifier": self.classifier, "split": self.split.name, "fold": self.fold.name}
-        return Task("public", self.seed, factors, {"model": settings, **sides}, self.data)
+        settings = {
+            "model": model,
+            "train": sorted(self.fold.train),
+            "test": sorted(self.fold.test),
+        }
+        return Task("public", self.seed, factors, settings, self.data)
 
     def estimator(self, train: Sequence[Recording]) -> FaultClassifier:
-        """The classifier before its training; others than the default take the default's
-        windows.
+        """Return the classifier before its training.
+
+        Classifiers other than the default one use its windows.
         """
         if self.classifier == BEST_CANDIDATE:
             return FaultClassifier(seed=self.seed)
+
         window = default_window(train) if train else None
         scaling = "none" if self.classifier in ON_FEATURES else RECOMMENDED_TRAINING.normalization
         return FaultClassifier(
@@ -83,20 +105,15 @@ class _Case:
         )
 
     def run(self, out: Path | None) -> dict[str, Any]:
-        """Its run, read or done."""
+        """Return the run of this case, read from `out` if it is finished there."""
         return self.task.run(out, self.values)
 
     def values(self) -> dict[str, Any]:
-        """Scores on the test side, and what they cost."""
-        begun = time.process_time()
-        train, test = (
-            [
-                recording
-                for recording in self.split.recordings
-                if self.split.group(recording) in side
-            ]
-            for side in (self.fold.train, self.fold.test)
-        )
+        """Return the scores on the test side and their cost, or the reason of a refusal."""
+        start_s = time.process_time()
+        train = self.split.select(self.fold.train)
+        test = self.split.select(self.fold.test)
+
         try:
             classifier = self.estimator(train).fit(train)
             unseen, _ = unseen_recordings(classifier.fitted_.manifest, test)
@@ -104,130 +121,137 @@ class _Case:
             predicted = classifier.predict(unseen)
         except (DataError, InputError) as cause:
             return {"refused": str(cause)}
-        label = np.array([recording.label for recording in unseen])
+
+        labels = np.array([recording.label for recording in unseen])
+        # Only the default training compares models and reports which one it selected.
+        choice = getattr(classifier.fitted_, "choice", None)
+
         return {
             "balanced_accuracy": by_window,
-            "recording_balanced_accuracy": float(balanced_accuracy_score(label, predicted)),
+            "recording_balanced_accuracy": float(balanced_accuracy_score(labels, predicted)),
             "copies": len(test) - len(unseen),
-            "choice": ""
-            if (choice := getattr(classifier.fitted_, "choice", None)) is None
-            else choice.sentence(),
+            "choice": "" if choice is None else choice.sentence(),
             "window": classifier.fitted_.layout.length,
-            "cpu_s": time.process_time() - begun,
+            "cpu_s": time.process_time() - start_s,
         }
 
 
 @dataclass(frozen=True)
 class PublicSettings:
-    """What is asked of which sets."""
+    """Classifiers and sets of the study."""
 
     classifiers: tuple[str, ...] = (BEST_CANDIDATE, "extra_trees")
-    """``"chosen"``, what `FaultClassifier` trains by itself, or names that it takes."""
+    """``"chosen"`` for the default training of `FaultClassifier`, or names that it accepts."""
     sets: tuple[str, ...] = ()
-    """Names of the sets to ask; all that are there by default."""
+    """Names of the sets; all in the folder by default."""
 
 
 def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
-    """Scores of classifiers with default settings on splits that keep machines, speeds or runs
-    apart.
+    """Return scores of classifiers with default settings, by splits that keep groups apart.
 
     Parameters
     ----------
-    work : its seeds are of the trainings.
-    folder : a folder with one folder for each public set, named as in `SPLITS`; missing sets are
-        left out.
+    work : its seeds are those of the trainings.
+    folder : folder with one folder for each public set, named as in `SPLITS`; missing sets are
+        skipped.
 
     Raises
     ------
     InputError
-        There is no such set or classifier.
+        A set or a classifier is unknown.
     DataError
-        `folder` holds none of them.
+        `folder` holds no set.
     """
     for name in settings.classifiers:
         if name not in (BEST_CANDIDATE, *NETWORKS):
             raise InputError(
-                f"no classifier is called {name!r}; there are {BEST_CANDIDATE}, {', '.join(NETWORKS)}."
+                f"Invalid classifier {name!r}: must be one of {BEST_CANDIDATE}, "
+                f"{', '.join(NETWORKS)}."
             )
-    there = _sets_there(Path(folder), settings.sets)
+    folder = Path(folder)
+    sets = _available_sets(folder, settings.sets)
+
     rows: list[tuple[_Case, dict[str, Any]]] = []
     leaky: list[Trial] = []
-    for name in there:
-        recordings = _live(read_public_set(name, Path(folder) / name))
-        data, splits = fingerprint_recordings(recordings), SPLITS[name](recordings)
-        cases = [
-            _Case(split, fold, classifier, seed, data)
-            for split in splits
-            for classifier in settings.classifiers
-            for seed in work.seeds
-            for fold in split.folds
-        ]
-        rows += zip(
-            cases, work.map(name, _Case.run, [(case, work.out) for case in cases]), strict=True
+    for name in sets:
+        recordings = _drop_constant_channels(read_public_set(name, folder / name))
+        splits = SPLITS[name](recordings)
+        cases = _list_cases(
+            splits, settings.classifiers, work.seeds, fingerprint_recordings(recordings)
         )
+        runs = work.map(name, _Case.run, [(case, work.out) for case in cases])
+        rows += zip(cases, runs, strict=True)
         leaky += [trial_at_random(split, seed) for split in splits for seed in work.seeds]
+
     trials = _trials(rows)
-    refused = {
-        f"{case.split.name}, {case.classifier}: {row['refused']}"
-        for case, row in rows
-        if "refused" in row
-    }
-    missing = [name for name in settings.sets or SPLITS if name not in there]
-    absent = (f"{name} is not in {Path(folder).name} and was left out." for name in missing)
-    shown = (
-        "balanced_accuracy",
-        "recording_balanced_accuracy",
-        "copies",
-        "choice",
-        "window",
-        "cpu_s",
-        "refused",
-    )
+    refusals = set()
+    for case, row in rows:
+        if "refused" in row:
+            refusals.add(f"{case.split.name}, {case.classifier}: {row['refused']}")
+    missing = [name for name in settings.sets or SPLITS if name not in sets]
+    skipped = [f"{name} is not in {folder.name} and was skipped." for name in missing]
+
     return StudyTable(
         study="public",
         title="Real recordings, honest splits: the training of somebody who sets nothing",
         metrics=METRICS,
         trials=(*trials, *leaky),
         answer=_answer(trials, settings.classifiers),
-        settings={"sets": there},
+        settings={"sets": sets},
         origin="Public recordings of real machines; none of them is an axial piston pump with known faults.",
-        notes=(*_NOTES, *sorted(refused), *absent),
-        details={
-            "folds": [
-                {
-                    **case.task.factors,
-                    "seed": case.seed,
-                    **{name: row[name] for name in shown if name in row},
-                }
-                for case, row in rows
-            ]
-        },
+        notes=(*_NOTES, *sorted(refusals), *skipped),
+        details={"folds": [_describe_fold(case, row) for case, row in rows]},
     )
 
 
-def _sets_there(folder: Path, sets: Sequence[str]) -> list[str]:
-    """Sets asked for, or all, that `folder` holds."""
+def _available_sets(folder: Path, sets: Sequence[str]) -> list[str]:
+    """Return the requested sets, or all, that `folder` holds."""
     unknown = [name for name in sets if name not in SPLITS]
     if unknown:
-        raise InputError(f"{unknown[0]!r} is none of the sets asked about: {', '.join(SPLITS)}.")
-    there = [name for name in sets or SPLITS if (folder / name).is_dir()]
-    if not there:
+        raise InputError(f"Invalid set {unknown[0]!r}: must be one of {', '.join(SPLITS)}.")
+
+    available = [name for name in sets or SPLITS if (folder / name).is_dir()]
+    if not available:
         raise DataError(
-            f"{folder} holds no folder called {' or '.join(sets or SPLITS)}; name the folder that holds them."
+            f"{folder} holds no folder called {' or '.join(sets or SPLITS)}. "
+            "Give the folder that holds them."
         )
-    return there
+
+    return available
+
+
+def _list_cases(
+    splits: Sequence[Split], classifiers: Sequence[str], seeds: Sequence[int], data: str
+) -> list[_Case]:
+    cases = []
+    for split in splits:
+        for classifier in classifiers:
+            for seed in seeds:
+                cases += [_Case(split, fold, classifier, seed, data) for fold in split.folds]
+
+    return cases
+
+
+def _describe_fold(case: _Case, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the factors and figures of one fold."""
+    figures = {name: row[name] for name in FOLD_FIGURES if name in row}
+    return {**case.task.factors, "seed": case.seed, **figures}
 
 
 def trial_at_random(split: Split, seed: int) -> Trial:
-    """Balanced accuracy of extra trees over five folds of windows dealt at random."""
-    groups = frozenset().union(*(fold.train | fold.test for fold in split.folds))
-    recordings = [recording for recording in split.recordings if split.group(recording) in groups]
+    """Return the balanced accuracy of extra trees on windows assigned at random to five folds."""
+    groups: set[str] = set()
+    for fold in split.folds:
+        groups |= fold.train | fold.test
+    recordings = split.select(groups)
+
     windows = cut_windows(
         recordings, length=default_window(recordings), allow_partial_revolution=True
     )
     trees = ExtraTreesClassifier(100, random_state=seed, class_weight="balanced", n_jobs=1)
     folds = StratifiedKFold(5, shuffle=True, random_state=seed)
     predicted = cross_val_predict(trees, feature_values(windows.signal), windows.label, cv=folds)
+
     values = dict.fromkeys(METRICS, np.nan) | {
         "balanced_accuracy": float(balanced_accuracy_score(windows.label, predicted)),
         "floor": split.floor,
@@ -236,54 +260,66 @@ def trial_at_random(split: Split, seed: int) -> Trial:
     return Trial({"split": split.name, "classifier": AT_RANDOM}, seed, values)
 
 
-def _live(recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings without channels that are constant in any of them, which no training takes."""
-    is_live = np.all([np.ptp(recording.signal, axis=1) > 0 for recording in recordings], axis=0)
-    channels = [name for name, live in zip(recordings[0].channels, is_live, strict=True) if live]
+def _drop_constant_channels(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return the recordings without channels that are constant in any of them.
+
+    No training accepts a constant channel.
+    """
+    varies = np.all([np.ptp(recording.signal, axis=1) > 0 for recording in recordings], axis=0)
+    channels = np.array(recordings[0].channels)[varies].tolist()
+
     return [recording.select_channels(channels) for recording in recordings]
 
 
 def _trials(rows: Sequence[tuple[_Case, Mapping[str, Any]]]) -> tuple[Trial, ...]:
-    """One trial for each split, classifier and seed: the mean over the folds, NaN where one was
-    refused.
+    """Return a trial for each split, classifier and seed.
+
+    Its values are means over the folds, NaN if a fold was refused.
     """
-    grouped: dict[tuple[str, str, int], list[Mapping[str, Any]]] = {}
-    floors = {case.split.name: case.split.floor for case, _ in rows}
+    folds_by_factors: dict[tuple[str, str, int], list[Mapping[str, Any]]] = {}
+    floors: dict[str, float] = {}
     for case, row in rows:
-        grouped.setdefault((case.split.name, case.classifier, case.seed), []).append(row)
+        floors[case.split.name] = case.split.floor
+        factors = (case.split.name, case.classifier, case.seed)
+        folds_by_factors.setdefault(factors, []).append(row)
+
     trials = []
-    for (split, classifier, seed), folds in grouped.items():
-        means = {
-            name: float(np.mean([fold.get(name, np.nan) for fold in folds]))
-            for name in METRICS
-            if name != "floor"
-        }
-        trials.append(
-            Trial(
-                {"split": split, "classifier": classifier}, seed, {**means, "floor": floors[split]}
-            )
-        )
+    for (split, classifier, seed), folds in folds_by_factors.items():
+        values: dict[str, float] = {}
+        for name in METRICS:
+            if name == "floor":
+                continue
+            values[name] = float(np.mean([fold.get(name, np.nan) for fold in folds]))
+        values["floor"] = floors[split]
+        trials.append(Trial({"split": split, "classifier": classifier}, seed, values))
+
     return tuple(trials)
 
 
 def _answer(trials: Sequence[Trial], classifiers: Sequence[str]) -> tuple[str, ...]:
-    """Means over the splits of vibration, against the floor."""
+    """Return means over the splits of vibration, compared with the floor."""
+    floors = {trial.factors["split"]: trial.values["floor"] for trial in trials}
     sentences = []
+
     for classifier in classifiers:
-        of_split: dict[str, list[float]] = {}
+        accuracies: dict[str, list[float]] = {}
         for trial in trials:
-            if trial.factors["classifier"] == classifier and not trial.factors["split"].startswith(
-                "uci_hydraulic"
-            ):
-                of_split.setdefault(trial.factors["split"], []).append(
-                    trial.values["recording_balanced_accuracy"]
-                )
-        if means := {split: float(np.mean(values)) for split, values in of_split.items()}:
-            floors = {trial.factors["split"]: trial.values["floor"] for trial in trials}
-            above = sum(mean >= floors[split] for split, mean in means.items())
-            floor = np.mean([floors[split] for split in means])
-            sentences.append(
-                f"{classifier}: {np.mean(list(means.values())):.2f} by recording in the mean of "
-                f"{plural(len(means), 'split')} of vibration (floor {floor:.2f}); at or above the floor on {above}."
-            )
+            split = trial.factors["split"]
+            # The hydraulic rig has no vibration signal.
+            if trial.factors["classifier"] != classifier or split.startswith("uci_hydraulic"):
+                continue
+            accuracy = trial.values["recording_balanced_accuracy"]
+            accuracies.setdefault(split, []).append(accuracy)
+        if not accuracies:
+            continue
+
+        means = {split: float(np.mean(values)) for split, values in accuracies.items()}
+        above = sum(mean >= floors[split] for split, mean in means.items())
+        floor = np.mean([floors[split] for split in means])
+        sentences.append(
+            f"{classifier}: {np.mean(list(means.values())):.2f} by recording in the mean of "
+            f"{plural(len(means), 'split')} of vibration (floor {floor:.2f}); "
+            f"at or above the floor on {above}."
+        )
+
     return tuple(sentences)

@@ -94,9 +94,11 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
         settings=asdict(settings),
         origin=describe_origin([first]),
         notes=(
-            "Load and oil temperature drift over days and weeks, more than while a baseline is learned. The promise "
-            "holds for a pump that does not change; under drift it is measured, not promised.",
-            "How fast the rig's faults grow was chosen; a delay in recordings says nothing about hours on a machine.",
+            "Load and oil temperature drift over days and weeks, more than while a baseline is "
+            "learned. The promise holds for a pump that does not change; under drift it is "
+            "measured, not promised.",
+            "How fast the rig's faults grow was chosen; a delay in recordings says nothing about "
+            "hours on a machine.",
         ),
     )
     return replace(study, answer=tuple(_answer(study, settings)))
@@ -171,8 +173,9 @@ def _answer(study: StudyTable, settings: AlarmStudySettings) -> Iterator[str]:
     if healthy:
         yield (
             f"Healthy: {sum(false_alarms)} false alarms in {watched} recordings watched "
-            f"({_share(sum(false_alarms), watched)}); {ever} of {len(healthy)} pumps ever raised one "
-            f"({_share(ever, len(healthy))}), {settings.false_alarm_rate:g} is promised for one that does not change."
+            f"({_share(sum(false_alarms), watched)}); {ever} of {len(healthy)} pumps ever raised "
+            f"one ({_share(ever, len(healthy))}), {settings.false_alarm_rate:g} is promised for "
+            "one that does not change."
         )
         findings = int(sum(trial.values["findings"] for trial in healthy))
         share = _share(findings, watched)
@@ -198,7 +201,8 @@ def _detection(name: str, trials: Sequence[Trial]) -> str:
     in_time = int(np.sum(severity <= 1))
     delay = [trial.values["delay"] for trial in trials if not math.isnan(trial.values["delay"])]
     when = (
-        f"; median severity at the alarm {np.nanmedian(severity):.2f}, median delay {np.median(delay):.0f} recordings"
+        f"; median severity at the alarm {np.nanmedian(severity):.2f}, median delay "
+        f"{np.median(delay):.0f} recordings"
         if delay
         else ""
     )
@@ -217,7 +221,8 @@ def _suspicion(name: str, trials: Sequence[Trial]) -> str:
     )
     return (
         f"Suspect at the alarm, {name}: likeliest right in {likeliest} of {len(at_alarm)} "
-        f"({_share(likeliest, len(at_alarm))}); named right {right}, named wrong {wrong}, unknown {unknown}."
+        f"({_share(likeliest, len(at_alarm))}); named right {right}, named wrong {wrong}, unknown "
+        f"{unknown}."
     )
 
 

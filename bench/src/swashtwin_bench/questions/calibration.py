@@ -101,8 +101,8 @@ class CalibrationStudySettings:
             )
         if self.repeats < 2 or self.specimens < 1:
             raise InputError(
-                f"repeats ({self.repeats}) must be at least 2, of which one is tested on, and specimens "
-                f"({self.specimens}) at least 1."
+                f"repeats ({self.repeats}) must be at least 2, of which one is tested on, and "
+                f"specimens ({self.specimens}) at least 1."
             )
         unknown = [name for name in self.contenders if name not in CONTENDERS]
         if unknown:
@@ -153,10 +153,12 @@ def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
         },
         origin=describe_origin([pumps[0].held_out[0]]),
         notes=(
-            f"Calibrated at {settings.pressure / 1e6:g} MPa on {settings.repeats - 1} recordings of each pump.",
-            "Coverage of identified: the share of 90 % intervals of values called identified that hold the truth.",
-            "RMSE and PE contain the recording's noise and the reassembly of the pump between two recordings: the "
-            "rows of the rig's truth say how much no twin can explain.",
+            f"Calibrated at {settings.pressure / 1e6:g} MPa on {settings.repeats - 1} recordings "
+            "of each pump.",
+            "Coverage of identified: the share of 90 % intervals of values called identified that "
+            "hold the truth.",
+            "RMSE and PE contain the recording's noise and the reassembly of the pump between two "
+            "recordings: the rows of the rig's truth say how much no twin can explain.",
         ),
         details={
             "intervals": _intervals(

@@ -63,8 +63,9 @@ def detector(work: Work, settings: DetectorStudySettings) -> StudyTable:
             [next(rig_recordings(work.seeds[0], RigSize(1, 1, 0.1), version=settings.rig))[0]]
         ),
         notes=(
-            "Of twenty, 0.05 is promised, of eighteen 0.053, in the mean over sets of healthy ones. All recordings "
-            "of a pump are compared with one set, so false alarms come in clusters, and intervals are too narrow.",
+            "Of twenty, 0.05 is promised, of eighteen 0.053, in the mean over sets of healthy "
+            "ones. All recordings of a pump are compared with one set, so false alarms come in "
+            "clusters, and intervals are too narrow.",
         ),
     )
     return replace(study, answer=tuple(_answer(study)))
@@ -151,6 +152,7 @@ def _answer(study: StudyTable) -> Iterator[str]:
         healthy, alarms, faults, before, caught, _ = sums
         low, high = wilson_interval(alarms / healthy, int(healthy))
         yield (
-            f"{kind}: {alarms:.0f} false alarms in {healthy:.0f}, {alarms / healthy:.3f} ({low:.3f} to {high:.3f}); "
-            f"{caught / faults:.3f} of the faults caught, {caught / max(before, 1):.3f} of those caught without."
+            f"{kind}: {alarms:.0f} false alarms in {healthy:.0f}, {alarms / healthy:.3f} "
+            f"({low:.3f} to {high:.3f}); {caught / faults:.3f} of the faults caught, "
+            f"{caught / max(before, 1):.3f} of those caught without."
         )

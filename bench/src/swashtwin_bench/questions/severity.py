@@ -106,7 +106,8 @@ def severity(work: Work, settings: SeverityStudySettings) -> StudyTable:
         notes=(
             "A severity found to be zero counts as a twentieth of the truth in error and bias.",
             "Errors of the faults' laws, which widen intervals, were chosen on fleets 100 to 111.",
-            "The rig takes a pump apart before each recording, so films move by 12 % between points of a trend.",
+            "The rig takes a pump apart before each recording, so films move by 12 % between "
+            "points of a trend.",
             "Which piston or bore is damaged is not searched.",
         ),
         details={"cases": [asdict(case) for case in cases]},
@@ -233,9 +234,9 @@ def _answer(cases: Sequence[_Case]) -> list[str]:
             [case for case in cases if (case.kind, case.dimension) == (kind, dimension)]
         )
         sentences.append(
-            f"{kind.replace('_', ' ')}: {dimension} off by {math.expm1(values['error']):.0%} in the "
-            f"median, {values['coverage']:.0%} of the 90 % intervals hold the truth, rank correlation along a trend "
-            f"{values['rank']:.2f}, detected {values['detected']:.0%}, healthy taken for faulty "
-            f"{values['false_alarms']:.0%}."
+            f"{kind.replace('_', ' ')}: {dimension} off by {math.expm1(values['error']):.0%} in "
+            f"the median, {values['coverage']:.0%} of the 90 % intervals hold the truth, rank "
+            f"correlation along a trend {values['rank']:.2f}, detected {values['detected']:.0%}, "
+            f"healthy taken for faulty {values['false_alarms']:.0%}."
         )
     return sentences

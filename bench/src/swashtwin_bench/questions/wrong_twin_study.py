@@ -96,11 +96,11 @@ def wrong_twins(work: Work, settings: WrongTwinSettings) -> StudyTable:
 
 
 _NOTES = (
-    "Means over a family's trials. Identified and covered count values of six: those called identified, and those of "
-    "them whose 90 % interval holds the truth.",
-    f"Errs: a value is off by more than {REACH:g} half widths of its interval. Warned: a refusal, or any note but "
-    "those of values not identified and of bounds that were widened. Named: a warning holds the words for the mistake; "
-    "counted where one was given and such words exist.",
+    "Means over a family's trials. Identified and covered count values of six: those called "
+    "identified, and those of them whose 90 % interval holds the truth.",
+    f"Errs: a value is off by more than {REACH:g} half widths of its interval. Warned: a refusal, "
+    "or any note but those of values not identified and of bounds that were widened. Named: a "
+    "warning holds the words for the mistake; counted where one was given and such words exist.",
     "Intervals are Wilson's, of 95 %, as if the values of one trial were one draw.",
 )
 
@@ -246,10 +246,12 @@ def _answer(trials: Sequence[Trial]) -> tuple[str, ...]:
     }
     low = [f"{name} ({share:.0%})" for name, share in shares.items() if share < LEAST_SHARE]
     sentences = [
-        f"{_rate(wrong['errs_warned'], wrong['errs'])} of the wrong twins that err by more than {REACH:g} half widths "
-        f"of an interval are warned of, and {_rate(sum(trial.values['warned'] for trial in right), len(right))} of "
+        f"{_rate(wrong['errs_warned'], wrong['errs'])} of the wrong twins that err by more than "
+        f"{REACH:g} half widths of an interval are warned of, and "
+        f"{_rate(sum(trial.values['warned'] for trial in right), len(right))} of "
         "the right ones.",
-        f"{_rate(wrong['named'], wrong['nameable'])} of the warnings for which words exist name the mistake.",
+        f"{_rate(wrong['named'], wrong['nameable'])} of the warnings for which words exist name "
+        "the mistake.",
     ]
     if total["identified"]:
         low_words = (
@@ -260,8 +262,8 @@ def _answer(trials: Sequence[Trial]) -> tuple[str, ...]:
         limits = " to ".join(f"{limit:.0%}" for limit in total["interval"])
         sentences.insert(
             0,
-            f"{_rate(total['covered'], total['identified'])} of the values called identified hold ({limits}), in "
-            f"{total['trials']} trials; {low_words}.",
+            f"{_rate(total['covered'], total['identified'])} of the values called identified hold "
+            f"({limits}), in {total['trials']} trials; {low_words}.",
         )
     return tuple(sentences)
 

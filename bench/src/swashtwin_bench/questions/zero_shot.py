@@ -79,9 +79,9 @@ SPLITS = {
 """Split of the rows, by what teaches and what tests them."""
 
 _NOTES = (
-    "Rows that no measured fault teaches are split L5. Rows that measured faults teach (the oracle, a few of each "
-    "fault) are L2 on the same pumps and L4 on others. The pump prior has learned from healthy recordings of the same "
-    "pumps, so its normals are L2 there.",
+    "Rows that no measured fault teaches are split L5. Rows that measured faults teach (the "
+    "oracle, a few of each fault) are L2 on the same pumps and L4 on others. The pump prior has "
+    "learned from healthy recordings of the same pumps, so its normals are L2 there.",
 )
 
 
@@ -116,14 +116,15 @@ def split_zero_shot(
     foreign = sorted({str(r.label) for r in recordings} - set(CLASSES))
     if foreign:
         raise DataError(
-            f"the study simulates {', '.join(CLASSES)}, and no {foreign[0]!r}; leave those recordings out."
+            f"the study simulates {', '.join(CLASSES)}, and no {foreign[0]!r}; leave those "
+            "recordings out."
         )
     cells = recordings_by_cell(recordings, "the zero-shot study")
     specimens = sorted({str(r.specimen) for r in recordings})
     if len(specimens) <= held_out:
         raise DataError(
-            f"the zero-shot study needs at least {held_out + 1} specimens, {held_out} of them held out; the "
-            f"recordings name {len(specimens)} ({', '.join(specimens)})."
+            f"the zero-shot study needs at least {held_out + 1} specimens, {held_out} of them held "
+            f"out; the recordings name {len(specimens)} ({', '.join(specimens)})."
         )
     rng = random_stream(seed, "zero-shot", "split")
     unseen = set(rng.permutation(specimens)[:held_out].tolist())
@@ -135,8 +136,8 @@ def split_zero_shot(
         where, label = tests[UNSEEN if cell[0].specimen in unseen else SAME], cell[0].label
         if label == "normal" and len(order) < 2:
             raise DataError(
-                f"{order[0]} is the only healthy recording of {cell[0].specimen} at its pressure; the study needs one "
-                "to learn from and one to test."
+                f"{order[0]} is the only healthy recording of {cell[0].specimen} at its pressure; "
+                "the study needs one to learn from and one to test."
             )
         count = min(max(1, len(order) // 3), most or len(order))
         trained_on = order[count:] if label == "normal" or cell[0].specimen not in unseen else []
@@ -266,8 +267,8 @@ def _answer(study: StudyTable, healthy: Sequence[int]) -> tuple[str, ...]:
         return (f"{where}: {'; '.join(f'{name} {pair(name)}' for name in sets)}.",)
     shots = ", ".join(f"{count} of each {pair(few_shot(count))}" for count in SHOTS)
     return (
-        f"{where}: {PRIOR}, no measured fault {pair(PRIOR)}; all measured faults {pair(ORACLE)}; the prior and "
-        f"measured recordings of each fault: {shots}.",
+        f"{where}: {PRIOR}, no measured fault {pair(PRIOR)}; all measured faults {pair(ORACLE)}; "
+        f"the prior and measured recordings of each fault: {shots}.",
     )
 
 

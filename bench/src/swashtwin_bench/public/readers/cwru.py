@@ -65,7 +65,7 @@ _SPEED = re.compile(r"(X\d+)?RPM", re.IGNORECASE)
 
 
 class _Record(NamedTuple):
-    """One record at one end, as the set's makers staged it."""
+    """One record at one end of the motor."""
 
     number: int
     end: str
@@ -77,30 +77,29 @@ class _Record(NamedTuple):
 
     @property
     def specimen(self) -> str:
-        return (
-            f"{self.end}-healthy"
-            if self.label == "normal"
-            else f"{self.end}-{self.label}-{self.mil}"
-        )
+        if self.label == "normal":
+            return f"{self.end}-healthy"
+
+        return f"{self.end}-{self.label}-{self.mil}"
 
 
 def read_cwru(folder: Path | str) -> list[Recording]:
-    """Every recording of the CWRU bearing set, one for each record and end, from the accelerometer
-    at that end.
+    """Return every recording of the CWRU bearing set, one for each record and end.
 
-    A file is known by the record number in its name (``105.mat``, ``105_0.mat``,
-    ``..._rec105.mat``), wherever below `folder` it lies; the record decides label, rate and load.
-    Files of no known record are passed over, and of a record that is there twice the first is read.
+    Each has the signal of the accelerometer at its end. A file is recognized by the record number
+    in its name (``105.mat``, ``105_0.mat``, ``..._rec105.mat``), anywhere below `folder`; the
+    record decides label, rate and load. Other files are skipped, and of two files of a record the
+    first is read.
 
     Labels are the seat of the fault: ``normal``, ``inner_race``, ``ball``, ``outer_race``. The
-    channel is called ``acceleration`` at either end, so that one classifier can be asked about
-    both. Readings are taken to be in g, as in the literature.
+    channel is called ``acceleration`` at either end, so that one classifier can diagnose both.
+    Readings are assumed to be in g, as in the literature.
 
     Groups for an honest split: ``specimen`` (the bearing: end, seat and diameter; both rates, all
-    loads and all places of the outer race are one), ``attributes["fault_size_mil"]``,
+    loads and all positions on the outer race are one), ``attributes["fault_size_mil"]``,
     ``attributes["end"]`` (``DE`` or ``FE``, two types of bearing). Further ``load_hp``,
     ``or_position`` [o'clock], ``record``, ``rate_khz``, and ``speed`` (as measured, or nominal for
-    the load where the file has none).
+    the load if the file states none).
 
     Raises
     ------
@@ -111,31 +110,33 @@ def read_cwru(folder: Path | str) -> list[Recording]:
     -----
     What misleads: the normal records are at 48 kHz and most faults at 12 kHz, so a network may
     learn the rate. There is one healthy bearing at each end. The loads are the same bearings again.
-    Records whose acquisition failed say so in ``attributes["known_problem"]`` (table 3 of Smith and
-    Randall, 2015, doi:10.1016/j.ymssp.2015.04.021) where the set came with a ``files.csv`` that
-    knows it.
+    If the set came with a ``files.csv``, ``attributes["known_problem"]`` states failed acquisitions
+    (table 3 of Smith and Randall, 2015, doi:10.1016/j.ymssp.2015.04.021).
     """
     folder = Path(folder)
     records = _records()
     table = read_set_table(folder)
+
     paths: dict[int, Path] = {}
     for path in files_below(folder, ".mat"):
         numbers = {int(text) for text in _NUMBER.findall(path.stem)} & records.keys()
         if len(numbers) == 1:
             paths.setdefault(numbers.pop(), path)
+
     if not paths:
         raise DataError(
             f"{folder} holds no file named after a record of the CWRU set, such as 105.mat."
         )
-    return [
-        recording
-        for number, path in sorted(paths.items())
-        for recording in _recordings(path, folder, records[number], table)
-    ]
+
+    recordings: list[Recording] = []
+    for number, path in sorted(paths.items()):
+        recordings += _recordings(path, folder, records[number], table)
+
+    return recordings
 
 
 def _records() -> dict[int, list[_Record]]:
-    """Records by number; the normal ones are there at both ends."""
+    """Return the records by number; the normal ones exist at both ends."""
     records: dict[int, list[_Record]] = {}
     for end, kilohertz, label, mil, position, numbers in _SERIES:
         for load, text in enumerate(numbers.split()):
@@ -150,21 +151,23 @@ def _recordings(
 ) -> Iterator[Recording]:
     file = path.relative_to(folder).as_posix()
     row = table.get(file, {})
-    columns = open_raw(path, ReadOptions())
-    measured = next(
-        (text for name, text in columns.attributes.items() if _SPEED.fullmatch(name)), None
-    )
+    raw = open_raw(path, ReadOptions())
+    speeds = [text for name, text in raw.attributes.items() if text and _SPEED.fullmatch(name)]
+    measured_speed = float(speeds[0]) if speeds else None
+
     for record in records:
-        # A file may hold a neighbor's variables too (99.mat does): its own number first, the first
-        # otherwise.
-        names = [name for name in columns.columns if name.endswith(f"_{record.end}_time")]
-        variables = [name for name in names if name.startswith(f"X{record.number:03d}")]
-        if not names:
+        variables = [name for name in raw.columns if name.endswith(f"_{record.end}_time")]
+        if not variables:
             raise DataError(
-                f"{path} has no variable X..._{record.end}_time; it has {', '.join(columns.columns)}."
+                f"{path} has no variable X..._{record.end}_time; it has {', '.join(raw.columns)}."
             )
+        # A file may also hold the variables of another record (99.mat does).
+        matching = [name for name in variables if name.startswith(f"X{record.number:03d}")]
+        variable = matching[0] if matching else variables[0]
+
+        speed = _LOADS[record.load] if measured_speed is None else measured_speed
         attributes = {
-            "speed": f"{float(measured) if measured else _LOADS[record.load]:g} rpm",
+            "speed": f"{speed:g} rpm",
             "end": record.end,
             "fault_size_mil": str(record.mil),
             "or_position": record.position,
@@ -178,7 +181,7 @@ def _recordings(
             id=f"cwru_{record.number}_{record.end}",
             label=record.label,
             specimen=record.specimen,
-            channels=((variables or names)[0],),
+            channels=(variable,),
             names=("acceleration",),
             unit="g",
             sample_rate=f"{record.kilohertz} kHz",

@@ -1,9 +1,9 @@
-"""The hydraulic rig of ZeMA (UCI 447), whose pump leaks in three grades: one recording for each
-cycle of 60 s.
+"""Reader of the hydraulic rig of ZeMA (UCI 447), whose pump leaks in three grades.
+
+It makes one recording of each cycle of 60 s.
 """
 
 import re
-from itertools import accumulate, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +14,11 @@ from swashtwin.recordings import ReadOptions, Recording, open_raw, stem_of
 from swashtwin_bench.public.readers.named_files import files_below
 
 RATE = 10.0
-"""Rate of every channel here [Hz]: that of the flow meters."""
+"""Sample rate of every channel here [Hz]: that of the flow meters."""
+
+# Samples of a cycle at `RATE`.
 _SAMPLES = 600
+
 _UNITS = (
     {f"PS{number}": "bar" for number in range(1, 7)}
     | {"EPS1": "W", "FS1": "l/min", "FS2": "l/min"}
@@ -28,16 +31,14 @@ _SENSOR = re.compile(r"([A-Z]+\d?)(_mean1hz)?")
 
 
 def read_uci_hydraulic(folder: Path | str) -> list[Recording]:
-    """Every cycle of the set as one recording, all its sensors at 10 Hz: 2205 cycles of 600
-    samples.
+    """Return every cycle of the set as one recording: 2205 cycles of 600 samples at 10 Hz.
 
-    The sensors' rates differ, a recording's do not. Those of 10 Hz (FS1, FS2) are as measured.
-    Those of 1 Hz (TS, VS1, CE, CP, SE) are held for ten samples each, so nothing of them is lost or
-    made up. Those of 100 Hz (PS, EPS1) are means over 0.1 s where the originals are there, and held
-    like the others where only means over 1 s are. Which was done is said in
-    ``attributes["NAME_rate"]``. Sensors are found by their files' names (``FS1.txt``,
-    ``PS1.txt.gz``, ``PS1_mean1hz.tsv.gz``) wherever below `folder`; the labels come from
-    ``profile.txt``.
+    A recording has one rate, the set's sensors have three. Sensors of 10 Hz (FS1, FS2) are as
+    measured. Those of 1 Hz (TS, VS1, CE, CP, SE) are held for ten samples each, so nothing is lost
+    or invented. Those of 100 Hz (PS, EPS1) are means over 0.1 s if the original files exist;
+    otherwise their means over 1 s are held as well. ``attributes["NAME_rate"]`` states the rate of
+    the file. Sensors are recognized by the names of their files (``FS1.txt``, ``PS1.txt.gz``,
+    ``PS1_mean1hz.tsv.gz``) anywhere below `folder`; the labels come from ``profile.txt``.
 
     Labels are the grades of the pump's internal leakage, ``no_leakage``, ``weak_leakage``,
     ``severe_leakage``. Channels carry several units, so the recording's is ``1``;
@@ -70,34 +71,42 @@ def read_uci_hydraulic(folder: Path | str) -> list[Recording]:
     if profile is None:
         raise DataError(f"{folder} holds no profile.txt, which has the labels of the cycles.")
     labels = _table(profile).astype(int)
+
     sensors: dict[str, Float[np.ndarray, "cycle time"]] = {}
     rates: dict[str, str] = {}
     for path in paths:
         match = _SENSOR.fullmatch(stem_of(path))
-        if match is None or match[1] not in _UNITS or (match[2] and match[1] in sensors):
+        if match is None or match[1] not in _UNITS:
             continue
+        # Files are sorted by path, so original samples come before their means over 1 s.
+        if match[2] and match[1] in sensors:
+            continue
+
         samples = _table(path)
         if len(samples) != len(labels):
             raise DataError(
-                f"{path} has {len(samples)} cycles, {profile} {len(labels)}; one of them is cut off."
+                f"{path} has {len(samples)} cycles, {profile} {len(labels)}. One file is truncated."
             )
         sensors[match[1]] = _at_ten_hertz(samples, path)
         rates[f"{match[1]}_rate"] = f"{samples.shape[1] // 60} Hz"
-    names = tuple(name for name in _UNITS if name in sensors)
-    if not names:
+
+    channels = tuple(name for name in _UNITS if name in sensors)
+    if not channels:
         raise DataError(f"{folder} holds no file of a sensor, such as FS1.txt.")
-    together = np.stack([sensors[name] for name in names], axis=1)
-    shared = {"units": " ".join(_UNITS[name] for name in names)} | rates
+
+    signals = np.stack([sensors[name] for name in channels], axis=1)
+    shared_attributes = {"units": " ".join(_UNITS[name] for name in channels)} | rates
+
     return [
         Recording(
-            signal=together[cycle],
+            signal=signals[cycle],
             sample_rate=RATE,
             recording_id=f"cycle_{cycle:04d}",
-            channels=names,
+            channels=channels,
             unit="1",
             label=_LEAKAGE[int(labels[cycle, 2])],
             specimen="rig",
-            attributes=shared | groups | {"cycle": str(cycle)},
+            attributes=shared_attributes | groups | {"cycle": str(cycle)},
         )
         for cycle, groups in enumerate(_groups(labels))
     ]
@@ -111,31 +120,37 @@ def _table(path: Path) -> Float[np.ndarray, "cycle value"]:
 def _at_ten_hertz(
     samples: Float[np.ndarray, "cycle value"], path: Path
 ) -> Float[np.ndarray, "cycle time"]:
+    """Return samples at `RATE`: held for ten samples, or averaged."""
     count = samples.shape[1]
     if count == _SAMPLES // 10:
         return np.repeat(samples, 10, axis=1)
     if count % _SAMPLES == 0:
         return samples.reshape(len(samples), _SAMPLES, -1).mean(axis=2)
-    raise DataError(f"{path} has {count} values in a cycle; it must be 60, 600 or 6000.")
+
+    raise DataError(f"{path} has {count} values in a cycle; must be 60, 600 or 6000.")
 
 
 def _groups(labels: np.ndarray) -> list[dict[str, str]]:
-    """Settings of each cycle and the runs it belongs to."""
+    """Return the settings of each cycle and the numbers of its runs."""
     settings = labels[:, :4]
     columns = {
         "pump_run": settings[:, 2:3],
         "condition_run": settings,
         "cooler_block": settings[:, :1],
     }
-    runs = {name: _runs(values) for name, values in columns.items()}
-    return [
-        {name: str(values[cycle]) for name, values in runs.items()}
-        | {name: str(value) for name, value in zip(_PROFILE, row, strict=True)}
-        for cycle, row in enumerate(labels)
-    ]
+    runs = {name: _number_runs(values) for name, values in columns.items()}
+
+    groups = []
+    for cycle, row in enumerate(labels):
+        attributes = {name: str(numbers[cycle]) for name, numbers in runs.items()}
+        for name, value in zip(_PROFILE, row, strict=True):
+            attributes[name] = str(value)
+        groups.append(attributes)
+
+    return groups
 
 
-def _runs(values: np.ndarray) -> list[int]:
-    """Number of the run of equal rows that each row belongs to, from 0."""
-    changes = (bool((ahead != behind).any()) for behind, ahead in pairwise(values))
-    return list(accumulate((int(change) for change in changes), initial=0))
+def _number_runs(values: np.ndarray) -> list[int]:
+    """Return the number of the run of equal rows that each row belongs to, from 0."""
+    is_change = (values[1:] != values[:-1]).any(axis=1)
+    return [0, *np.cumsum(is_change).tolist()]

@@ -1,4 +1,4 @@
-"""The hidden truth of version 3: two designs, the pumps of a fleet, their assembly and their faults.
+"""The hidden truth of version 3: two designs, the pumps of a fleet and their faults.
 
 All random streams are separate from those of the other versions. Numbers without a source are
 estimates in the ranges of docs/explanation/physics.md, section 4, moved to another maker's sizes.

@@ -1,4 +1,4 @@
-"""Measurement in version 2: from a pump at an operating point to samples of three accelerometers."""
+"""Measurement in version 2: from a pump at an operating point to samples of its sensors."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Levels of whole windows: what changes them, what does not, and what the heads learn from them."""
+"""Band powers of windows: what changes them, what does not, and what the heads learn from them."""
 
 import numpy as np
 import pytest
@@ -24,30 +24,27 @@ def signal(turns: float = 0.01, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("orders", [True, False])
-def test_a_gain_moves_levels_by_their_gain_response(orders: bool) -> None:
+def test_a_gain_shifts_band_powers_by_their_gain_response(orders: bool) -> None:
     turns = np.full(3, 0.01) if orders else None
-    moved = window_features(10 * signal(), turns) - window_features(signal(), turns)
+    change = window_features(10 * signal(), turns) - window_features(signal(), turns)
+    expected = np.broadcast_to(gain_response(orders), change.shape)
 
-    np.testing.assert_allclose(
-        moved, np.broadcast_to(gain_response(orders), moved.shape), atol=0.02
-    )
+    np.testing.assert_allclose(change, expected, atol=0.02)
 
 
-def test_levels_at_orders_stay_where_the_shaft_turns_faster() -> None:
-    slow, fast = (window_features(signal(turns), np.full(3, turns)) for turns in (0.012, 0.015))
+def test_band_powers_at_orders_do_not_change_with_the_speed() -> None:
+    slow = window_features(signal(0.012), np.full(3, 0.012))
+    fast = window_features(signal(0.015), np.full(3, 0.015))
     orders = slice(5, 25)
 
     assert np.median(np.abs(slow - fast)[..., orders]) < 0.15
-
-    loudest = [
-        np.sort(features[..., orders].mean(axis=(0, 1)).argsort()[-3:]).tolist()
-        for features in (slow, fast)
-    ]
-
-    assert loudest == [[0, 8, 17], [0, 8, 17]]
+    for features in (slow, fast):
+        order_powers = features[..., orders].mean(axis=(0, 1))
+        loudest = np.sort(order_powers.argsort()[-3:])
+        assert loudest.tolist() == [0, 8, 17]  # orders 1, 9 and 18
 
 
-def test_orders_need_a_speed_only_where_a_window_states_none() -> None:
+def test_orders_need_a_speed_for_every_window() -> None:
     network = BandPowerNetwork(2, 2, axis="order")
     assert np.isfinite(network.represent_at(signal(), np.full(3, 0.01))).all()
     with pytest.raises(DataError, match="specify the speed, or train with turns"):
@@ -63,7 +60,7 @@ def test_shapes_do_not_change_with_the_gain_of_a_channel() -> None:
     np.testing.assert_allclose(network.represent_at(louder, turns), quiet, atol=0.02)
 
 
-def test_the_discriminant_is_scikit_learns_with_the_shrinkage_of_ledoit_and_wolf() -> None:
+def test_the_discriminant_is_that_of_scikit_learn_with_ledoit_wolf_shrinkage() -> None:
     from sklearn.covariance import ledoit_wolf
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
@@ -76,33 +73,32 @@ def test_the_discriminant_is_scikit_learns_with_the_shrinkage_of_ledoit_and_wolf
     scaled = network.encode(features).astype(float)
     centers = np.stack([scaled[target == index].mean(axis=0) for index in range(2)])
     shrinkage = ledoit_wolf(scaled - centers[target], assume_centered=True)[1]
-    peer = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage, priors=[0.5, 0.5]).fit(
-        scaled, target
-    )
+    peer = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage, priors=[0.5, 0.5])
+    peer.fit(scaled, target)
+
     expected = network.log_probabilities(features)["discriminant"]
 
     assert np.abs(peer.predict_proba(scaled) - np.exp(expected)).max() < 0.05
 
 
 def solved(heads: tuple[str, ...] = HEADS) -> tuple[BandPowerNetwork, np.ndarray]:
-    """A network of small windows, and their levels."""
+    """Return a network of small windows, and their band powers."""
     network = BandPowerNetwork(2, 3, hidden=8, heads=heads)
     features = network.represent_at(signal(), np.full(3, np.nan))
     network.solve(features, np.array([0, 1, 2]), 0)
     return network, features
 
 
-def test_the_network_answers_the_mean_probability_of_its_heads() -> None:
+def test_the_network_returns_the_mean_probability_of_its_heads() -> None:
     network, features = solved()
-    mean = np.mean(
-        [np.exp(values) for values in network.log_probabilities(features).values()], axis=0
-    )
+    head_probabilities = np.exp(list(network.log_probabilities(features).values()))
+    mean = head_probabilities.mean(axis=0)
 
     np.testing.assert_allclose(network.probabilities(signal(), np.full(3, np.nan)), mean, atol=1e-6)
 
 
 @pytest.mark.parametrize("heads", [HEADS, HEADS[:1], HEADS[1:]])
-def test_the_mean_gradient_times_the_levels_is_the_change_of_the_margin(
+def test_the_mean_gradient_times_the_band_powers_is_the_change_of_the_margin(
     heads: tuple[str, ...],
 ) -> None:
     network = BandPowerNetwork(1, 3, hidden=8, heads=heads)
@@ -113,9 +109,8 @@ def test_the_mean_gradient_times_the_levels_is_the_change_of_the_margin(
     scores = network.scores(features)
     at_mean = network.scores(network.weights["mean"][None])
 
-    np.testing.assert_allclose(
-        change, (scores - at_mean)[:, 0] - (scores - at_mean)[:, 2], rtol=1e-3, atol=1e-3
-    )
+    rise = scores - at_mean
+    np.testing.assert_allclose(change, rise[:, 0] - rise[:, 2], rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose((gradient * encoded).sum(axis=1), change, rtol=0.02, atol=0.01)
 
 
@@ -127,6 +122,6 @@ def test_the_mean_gradient_times_the_levels_is_the_change_of_the_margin(
         ({"noise": -1.0}, "must not be negative"),
     ],
 )
-def test_a_setting_that_cannot_be_is_refused(settings: dict[str, object], reason: str) -> None:
+def test_an_invalid_setting_is_refused(settings: dict[str, object], reason: str) -> None:
     with pytest.raises(InputError, match=reason):
         BandPowerNetwork(1, 2, **settings)

@@ -1,4 +1,4 @@
-"""Training that chooses: which candidate wins, on which folds, and what it leaves behind."""
+"""Training that selects a candidate: which one wins, on which folds, and its confidence."""
 
 from dataclasses import replace
 
@@ -24,12 +24,16 @@ def recordings(
             time = np.arange(4 * LENGTH)
             line = np.sin(2 * np.pi * (0.05 + 0.03 * index) * time + draw.uniform(0, 6))
             noise = draw.normal(size=(2, 4 * LENGTH))
-            measured.append(
-                Recording(
-                    (line + 0.5 * noise) * (loudness if index else 1.0), 1e3, f"{label} {number}", channels=("x", "y"),
-                    label=label, specimen="ABCD"[number % 4],
-                )
-            )  # fmt: skip
+            gain = loudness if label == "piston" else 1.0
+            recording = Recording(
+                gain * (line + 0.5 * noise),
+                1e3,
+                f"{label} {number}",
+                channels=("x", "y"),
+                label=label,
+                specimen="ABCD"[number % 4],
+            )
+            measured.append(recording)
 
     return measured
 
@@ -43,7 +47,7 @@ def fitted():
     return fit_best_candidate(windows(), seed=3)
 
 
-def test_of_candidates_that_are_as_good_the_most_invariant_is_chosen(fitted) -> None:
+def test_the_most_invariant_of_equally_good_candidates_is_selected(fitted) -> None:
     choice = fitted.choice
     tied = [trial.candidate for trial in choice.trials if trial.is_tied]
 
@@ -62,10 +66,13 @@ def test_the_confidence_comes_from_the_folds(fitted) -> None:
     assert set(fitted.manifest) == {recording.recording_id for recording in recordings()}
 
 
-def test_the_same_seed_chooses_and_trains_the_same(fitted) -> None:
-    again = fit_best_candidate(windows(), seed=3)
-    assert again.choice == fitted.choice
-    np.testing.assert_array_equal(again.predict_proba(windows()), fitted.predict_proba(windows()))
+def test_the_same_seed_selects_and_trains_the_same(fitted) -> None:
+    repeated = fit_best_candidate(windows(), seed=3)
+
+    assert repeated.choice == fitted.choice
+    np.testing.assert_array_equal(
+        repeated.predict_proba(windows()), fitted.predict_proba(windows())
+    )
 
 
 def test_folds_fall_back_to_recordings_and_too_few_have_no_trial() -> None:
@@ -85,15 +92,14 @@ def test_a_negative_seed_is_refused() -> None:
         choose_candidate(windows(), seed=-1)
 
 
-def test_classes_in_turn_are_trained_without_a_confidence_where_no_recording_can_be_left_out() -> (
-    None
-):
-    measured = [
-        replace(
-            recording, recording_id=f"{number:02d}", label="abcdefghij"[number % 10], specimen=None
-        )
-        for number, recording in enumerate(recordings(per_class=10))
-    ]
+def test_recordings_that_cannot_be_held_out_are_trained_without_a_confidence() -> None:
+    # the label is a letter that changes with every recording, so that two remain for a class
+    measured = []
+    for number, recording in enumerate(recordings(per_class=10)):
+        label = "abcdefghij"[number % 10]
+        name = f"{number:02d}"
+        measured.append(replace(recording, recording_id=name, label=label, specimen=None))
+
     few = fit_best_candidate(cut_windows(measured, length=LENGTH))
 
     assert few.choice.trials
@@ -108,7 +114,7 @@ def test_a_sample_that_is_far_too_large_is_refused_by_name() -> None:
         fit_best_candidate(broken)
 
 
-def test_no_fold_trains_on_what_was_made_from_its_windows() -> None:
+def test_no_fold_trains_on_synthetic_windows_made_from_its_test_windows() -> None:
     measured = windows()
     names = np.array([f"duplicates of {name}" for name in measured.specimen])
     copies = replace(
@@ -117,26 +123,23 @@ def test_no_fold_trains_on_what_was_made_from_its_windows() -> None:
     is_tested = measured.specimen == "A"
     _, choice, answers = choose_candidate(measured + copies)
 
-    assert choice.n_windows == len(answers.target) == len(measured), (
-        "no synthetic window is tested on"
-    )
+    # no synthetic window is tested on
+    assert choice.n_windows == len(answers.target) == len(measured)
 
     views = _Views(measured, copies, seed=0)
     rows = _training_rows(views, np.flatnonzero(~is_tested), np.flatnonzero(is_tested))
 
-    assert set(views.windows.specimen[rows]) == {
-        *"BCD",
-        *(f"duplicates of {name}" for name in "BCD"),
-    }
+    expected = {"B", "C", "D", "duplicates of B", "duplicates of C", "duplicates of D"}
+    assert set(views.windows.specimen[rows]) == expected
 
 
-def test_what_cannot_be_trained_is_refused_before_any_trial() -> None:
+def test_invalid_training_data_and_error_rates_are_refused_before_any_trial() -> None:
     with pytest.raises(DataError, match="no label"):
         fit_best_candidate(replace(windows(), target=np.full(32, -1)))
-    with pytest.raises(
-        InputError,
-        match=r"needs 99 .*there are 80\. Use more recordings, or an error rate of 0\.048",
-    ):  # 20 of each machine
+
+    # the allowed rate is that of 20 recordings: those of one machine
+    message = r"needs 99 .*there are 80\. Use more recordings, or an error rate of 0\.048"
+    with pytest.raises(InputError, match=message):
         fit_best_candidate(windows(per_class=40), error_rate=0.01)
 
     with pytest.raises(InputError, match="without a trial there is none"):

@@ -1,6 +1,4 @@
-"""What a classifier says of its own errors holds on recordings it never saw, and a strange one is
-called unknown.
-"""
+"""The stated error rates hold on new recordings, and an untrained class is called unknown."""
 
 import json
 from dataclasses import replace
@@ -40,14 +38,13 @@ from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 
 CLASSES = ("normal", "piston")
-CYCLES = {"normal": 0.05, "piston": 0.15, "howl": 0.35}
+CYCLES_PER_SAMPLE = {"normal": 0.05, "piston": 0.15, "howl": 0.35}
 
 
 def recording(name: str, label: str, noise: float = 0.3) -> Recording:
     draw = np.random.default_rng(list(name.encode()))
-    signal = np.sin(
-        2 * np.pi * CYCLES[label] * np.arange(320) + draw.uniform(0, 6)
-    ) + noise * draw.normal(size=320)
+    phase = 2 * np.pi * CYCLES_PER_SAMPLE[label] * np.arange(320) + draw.uniform(0, 6)
+    signal = np.sin(phase) + noise * draw.normal(size=320)
     condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
 
     return Recording(signal[None], 1000.0, name, label=label, condition=condition)
@@ -56,9 +53,11 @@ def recording(name: str, label: str, noise: float = 0.3) -> Recording:
 def several(
     purpose: str, count: int, labels: tuple[str, ...] = CLASSES, noise: float = 0.3
 ) -> list[Recording]:
-    return [
-        recording(f"{purpose} {label} {n}", label, noise) for label in labels for n in range(count)
-    ]
+    recordings = []
+    for label in labels:
+        recordings.extend(recording(f"{purpose} {label} {n}", label, noise) for n in range(count))
+
+    return recordings
 
 
 def windows(recordings: list[Recording]) -> WindowSet:
@@ -76,18 +75,20 @@ def bare() -> FittedClassifier:
 
 
 @pytest.fixture(scope="module")
-def taught(bare: FittedClassifier) -> FittedClassifier:
+def calibrated(bare: FittedClassifier) -> FittedClassifier:
     return learn_confidence(bare, windows(several("validation", 10)))
 
 
 def confidence(
     scores: np.ndarray, rate: float = 0.1, target: np.ndarray | None = None
 ) -> Confidence:
-    target = np.arange(scores.size) % 4 if target is None else target
+    if target is None:
+        target = np.arange(scores.size) % 4
+
     return Confidence(1.0, 1.0, (1,), scores[None], target, np.sort(scores), rate)
 
 
-def test_a_set_is_never_empty_and_grows_as_less_error_is_allowed() -> None:
+def test_a_prediction_set_is_never_empty_and_grows_as_the_error_rate_falls() -> None:
     three = np.arange(39) % 3
     predictor = confidence(np.full(39, 1e-6), target=three)
     doubtful = np.array([[0.4, 0.35, 0.25]])
@@ -101,33 +102,32 @@ def test_a_set_is_never_empty_and_grows_as_less_error_is_allowed() -> None:
     assert sizes[-1] == 3
 
 
-def test_the_temperature_changes_no_verdict_and_no_certainty_comes_of_few_recordings(
-    taught: FittedClassifier,
+def test_the_temperature_changes_no_verdict_and_few_recordings_limit_the_certainty(
+    calibrated: FittedClassifier,
 ) -> None:
-    answers = predict_recordings(taught, windows(several("test", 5)))
-    soft = taught.confidence.temperature_scaled(answers.probability, answers.n_windows)
+    answers = predict_recordings(calibrated, windows(several("test", 5)))
+    soft = calibrated.confidence.temperature_scaled(answers.probability, answers.n_windows)
 
     np.testing.assert_array_equal(soft.argmax(axis=1), answers.probability.argmax(axis=1))
     np.testing.assert_allclose(soft.sum(axis=1), 1)
-    assert (
-        soft.max() < 0.999
-    )  # 20 validation recordings, all told right, prove no more than about 21/22
+
+    # 20 validation recordings, all classified correctly, prove no more than about 21/22
+    assert soft.max() < 0.999
     assert np.median(soft.max(axis=1)) == pytest.approx(21 / 22, abs=0.05)
 
 
 def correlated(
     count: int, dependence: float, draw: np.random.Generator, n_windows: int = 16
 ) -> tuple[np.ndarray, ...]:
-    """(window, class) probabilities that are right for each window alone, recordings and classes of
-    the windows.
+    """Return (window, class) probabilities, and recording and class of each window.
+
+    The probabilities are right for a single window; windows of a recording share a part of their
+    deviation.
     """
     target = np.arange(count) % 2
     shared = np.sqrt(dependence) * draw.normal(size=(count, 1))
-    value = (
-        np.where(target, 0.8, -0.8)[:, None]
-        + shared
-        + np.sqrt(1 - dependence) * draw.normal(size=(count, n_windows))
-    )
+    independent = np.sqrt(1 - dependence) * draw.normal(size=(count, n_windows))
+    value = np.where(target, 0.8, -0.8)[:, None] + shared + independent
     piston = 1 / (1 + np.exp(-2 * 0.8 * value.ravel()))
     names = np.repeat([f"recording {index:04}" for index in range(count)], n_windows)
 
@@ -135,7 +135,7 @@ def correlated(
 
 
 @pytest.mark.parametrize(("dependence", "temperature"), [(0.0, 1.0), (0.3, 2.0), (1.0, 0.5)])
-def test_temperature_and_dependence_are_those_that_windows_were_drawn_with(
+def test_temperature_and_dependence_match_those_of_the_drawn_windows(
     dependence, temperature
 ) -> None:
     probability, names, target = correlated(300, dependence, np.random.default_rng(0))
@@ -143,14 +143,13 @@ def test_temperature_and_dependence_are_those_that_windows_were_drawn_with(
     result = cross_fitted_confidence(too_sure, names, target, np.zeros(300))
 
     assert result.temperature == pytest.approx(temperature, rel=0.15)
-    assert result.dependence == pytest.approx(
-        dependence, abs=0.12
-    )  # of few recordings, not all certainty is believed
+    # the estimate is shrunk, for few recordings do not prove full certainty
+    assert result.dependence == pytest.approx(dependence, abs=0.12)
     assert result.cross_fitted
     assert result.listening_windows == (1, 2, 4, 8, 16)
 
 
-def test_windows_that_nobody_saw_together_count_as_a_single_window() -> None:
+def test_windows_without_a_known_dependence_count_as_a_single_window() -> None:
     probability, names, target = correlated(100, 0.0, np.random.default_rng(0), n_windows=1)
     result = cross_fitted_confidence(probability, names, target, np.zeros(100))
 
@@ -164,8 +163,8 @@ def test_probabilities_and_sets_hold_from_a_single_window_to_a_whole_recording()
     draw = np.random.default_rng(0)
     predictor = cross_fitted_confidence(*correlated(300, 0.2, draw), draw.normal(size=300))
     probability, _, target = correlated(600, 0.2, draw)
-    windows, target = probability.reshape(600, 16, 2), target[::16]
-
+    windows = probability.reshape(600, 16, 2)
+    target = target[::16]
     for count in (1, 3, 16):
         pooled = np.stack([pooled_probabilities(part[:count]) for part in windows])
         calibrated = predictor.temperature_scaled(pooled, count)
@@ -178,17 +177,13 @@ def test_probabilities_and_sets_hold_from_a_single_window_to_a_whole_recording()
         assert 0.86 < covered.mean() < 0.96
 
 
-def test_each_class_with_recordings_enough_has_its_rate_and_scarce_ones_share_theirs() -> None:
+def test_each_class_with_enough_recordings_has_its_rate_and_scarce_classes_share_one() -> None:
     target = np.repeat([0, 1, 2, 3], [30, 12, 5, 3])
     scores = np.linspace(0, 1, 50)
     predictor = confidence(scores, target=target)
 
-    assert predictor.class_groups(4).tolist() == [
-        0,
-        -1,
-        -1,
-        -1,
-    ]  # 5 and 3 are too few together, so 12 join them
+    # 5 and 3 recordings are too few even together, so the class of 12 joins them
+    assert predictor.class_groups(4).tolist() == [0, -1, -1, -1]
     assert predictor.class_groups(4, 0.15).tolist() == [0, 1, -1, -1]
     assert predictor.class_groups(5, 0.25).tolist() == [0, 1, 2, -1, -1]
 
@@ -197,12 +192,12 @@ def test_each_class_with_recordings_enough_has_its_rate_and_scarce_ones_share_th
 
     np.testing.assert_allclose(predictor.plausibility(probability, 1)[0, 1], expected)
 
-    alone = (1 + np.count_nonzero(scores[:30] >= -np.log(0.9))) / 31
-    np.testing.assert_allclose(predictor.plausibility(probability, 1)[0, 0], alone)
+    of_first_class = (1 + np.count_nonzero(scores[:30] >= -np.log(0.9))) / 31
+    np.testing.assert_allclose(predictor.plausibility(probability, 1)[0, 0], of_first_class)
 
 
 @pytest.mark.parametrize(("count", "rate"), [(20, 0.1), (9, 0.1), (6, 0.143), (2, 0.334)])
-def test_few_training_recordings_give_the_least_error_rate_that_they_allow(
+def test_few_training_recordings_give_the_minimum_error_rate_that_they_allow(
     count: int, rate: float
 ) -> None:
     answers = correlated(count, 0.5, np.random.default_rng(0), n_windows=3)
@@ -216,16 +211,16 @@ def test_few_training_recordings_give_the_least_error_rate_that_they_allow(
         cross_fitted_confidence(*answers, np.zeros(count), error_rate=0.03)
 
 
-def test_twenty_training_recordings_answered_out_of_fold_keep_the_rate() -> None:
+def test_out_of_fold_answers_to_twenty_recordings_keep_the_error_rate() -> None:
     draw = np.random.default_rng(0)
     means = draw.normal(size=(3, 4))
     covered = []
 
     for _ in range(25):
         target = np.arange(80) % 3
-        values = (
-            means[target][:, None] + draw.normal(size=(80, 1, 4)) + draw.normal(size=(80, 6, 4))
-        )
+        of_recording = draw.normal(size=(80, 1, 4))
+        of_window = draw.normal(size=(80, 6, 4))
+        values = means[target][:, None] + of_recording + of_window
         rows = values[:20].reshape(120, 4)
         classes = np.repeat(target[:20], 6)
         names = np.repeat(np.arange(20), 6)
@@ -243,6 +238,7 @@ def test_twenty_training_recordings_answered_out_of_fold_keep_the_rate() -> None
         )
         covered.append(predictor.prediction_set(pooled, 6)[np.arange(60), target[20:]].mean())
 
+    # an error rate of 0.1 should cover 0.9
     assert 0.88 < np.mean(covered) < 0.97
 
 
@@ -259,14 +255,14 @@ def test_out_of_fold_answers_that_do_not_fit_or_are_not_finite_are_refused() -> 
 
 
 @pytest.mark.parametrize("kind", ["network", "trees"])
-def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(
-    taught: FittedClassifier, kind: str
+def test_an_untrained_class_is_called_unknown_and_trained_ones_are_not(
+    calibrated: FittedClassifier, kind: str
 ) -> None:
     if kind == "trees":
         trees = fit_trees(windows(several("train", 4)), 20)
         answer = learn_confidence(trees, windows(several("validation", 10)))
     else:
-        answer = taught
+        answer = calibrated
     result = score_confidence(answer, windows(several("test", 10)))
 
     assert result.accuracy == 1
@@ -274,40 +270,39 @@ def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(
     assert result.set_size == 1
     assert result.called_unknown <= 0.3
 
-    known = several("test", 10)
-    strange = several("test", 20, ("howl",))
-    scores = predict_recordings(
-        answer, windows([item.replace(label=None) for item in known + strange])
-    ).ood_score
-    is_strange = ["howl" in name for name in sorted(item.recording_id for item in known + strange)]
+    recordings = several("test", 10) + several("test", 20, ("howl",))
+    unlabeled = windows([recording.replace(label=None) for recording in recordings])
+    scores = predict_recordings(answer, unlabeled).ood_score
+    names = sorted(recording.recording_id for recording in recordings)
+    is_untrained = ["howl" in name for name in names]  # scores are sorted by name
 
-    assert roc_auc_score(is_strange, scores) > 0.95
+    assert roc_auc_score(is_untrained, scores) > 0.95
 
 
-def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedClassifier) -> None:
-    known = diagnose(taught, recording("new piston", "piston"))
-    assert known.prediction_set == ("piston",)
-    assert known.verdict == "piston"
-    assert known.score <= known.threshold
-    assert "all other classes are excluded at an error rate of 10 %" in known.sentence()
+def test_a_diagnosis_has_prediction_sets_and_states_that_a_class_is_unknown(
+    calibrated: FittedClassifier,
+) -> None:
+    trained = diagnose(calibrated, recording("new piston", "piston"))
+    assert trained.prediction_set == ("piston",)
+    assert trained.verdict == "piston"
+    assert trained.score <= trained.threshold
+    assert "all other classes are excluded at an error rate of 10 %" in trained.sentence()
 
-    strange = diagnose(taught, recording("new howl", "howl").replace(label=None))
+    strange = diagnose(calibrated, recording("new howl", "howl").replace(label=None))
     assert strange.unknown
     assert strange.score > strange.threshold
     assert strange.sentence().startswith(
         "Unknown: the recording differs from every trained class more than 90 % of the training"
     )
-    assert next(iter(json.loads(json.dumps(strange.to_dict(), allow_nan=False)).items())) == (
-        "verdict",
-        "unknown",
-    )
+
+    # the verdict is the first entry that a reader of the JSON sees
+    answer = json.loads(json.dumps(strange.to_dict(), allow_nan=False))
+    assert next(iter(answer.items())) == ("verdict", "unknown")
 
 
-def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(
-    taught, bare, tmp_path
-) -> None:
+def test_a_confidence_is_saved_with_its_classifier(calibrated, bare, tmp_path) -> None:
     piston = recording("new piston", "piston")
-    for classifier in (taught, bare):
+    for classifier in (calibrated, bare):
         loaded = load_classifier(save_classifier(classifier, tmp_path / "a.safetensors"))
         assert diagnose(loaded, piston).to_dict() == diagnose(classifier, piston).to_dict()
 
@@ -321,23 +316,26 @@ def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(
         learn_confidence(loaded, windows(several("validation", 10)))
 
 
-def test_validation_recordings_join_the_manifest_and_leaks_are_refused(bare, taught) -> None:
-    assert {"validation piston 3", "train normal 0"} <= set(taught.manifest)
+def test_validation_recordings_join_the_manifest_and_leaks_are_refused(bare, calibrated) -> None:
+    assert {"validation piston 3", "train normal 0"} <= set(calibrated.manifest)
     with pytest.raises(LeakError, match="had a part"):
-        score_confidence(taught, windows(several("validation", 2)))
+        score_confidence(calibrated, windows(several("validation", 2)))
     with pytest.raises(LeakError, match="was trained on"):
         learn_confidence(bare, windows(several("train", 4) + several("validation", 4)))
 
 
-def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taught) -> None:
-    with pytest.raises(
-        InputError,
-        match=r"0\.1 needs 9 validation .* there are 8\. Use more recordings, or an error rate of 0\.112",
-    ):
+def test_too_few_recordings_for_an_error_rate_are_refused_with_their_numbers(
+    bare, calibrated
+) -> None:
+    message = (
+        r"0\.1 needs 9 validation .* there are 8\. Use more recordings, "
+        r"or an error rate of 0\.112"
+    )
+    with pytest.raises(InputError, match=message):
         learn_confidence(bare, windows(several("validation", 4)))
 
     with pytest.raises(InputError, match=r"0\.01 needs 99 .*there are 20"):
-        diagnose(taught, recording("new", "normal"), error_rate=0.01)
+        diagnose(calibrated, recording("new", "normal"), error_rate=0.01)
     with pytest.raises(InputError, match="between 0 and 1"):
         learn_confidence(bare, windows(several("validation", 10)), error_rate=10)
     with pytest.raises(InputError, match=r"validation_fraction=0\.2"):
@@ -346,7 +344,7 @@ def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taugh
         score_confidence(bare, windows(several("test", 2)))
 
 
-def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> None:
+def test_the_training_reference_is_bounded_and_measured_only(bare, monkeypatch) -> None:
     train = windows(several("train", 4))
     monkeypatch.setattr("swashtwin.learning.training.training_reference.MAX_RECORDINGS", 5)
     few = build_reference(train, reference_features(train))
@@ -368,7 +366,7 @@ def test_the_shrunk_covariance_is_that_of_scikit_learn(shape) -> None:
     )
 
 
-def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path) -> None:
+def test_the_commands_train_evaluate_and_diagnose_with_a_confidence(tmp_path: Path) -> None:
     recordings = several("rig", 12)
     folder = tmp_path / "rig"
     files = [
@@ -376,17 +374,13 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
         for recording in recordings
     ]
     write_index(recordings, files, folder)
-    settings = ("epochs=12", "stride=2", "channels=8,12", "kernel_size=3", "learning_rate=3e-3")
-    shape = (
-        "--network",
-        "bitcn",
-        "--window",
-        80,
-        *(word for text in settings for word in ("--set", text)),
-    )
-    options = ("--validation-fraction", 0.5, "--out", tmp_path / "m.safetensors", *shape)
-    answer = run_json("train", folder, *options)
+    shape = ["--network", "bitcn", "--window", 80]
+    for setting in ("epochs=12", "stride=2", "channels=8,12", "kernel_size=3"):
+        shape += ["--set", setting]
+    shape += ["--set", "learning_rate=3e-3"]
+    out = ("--out", tmp_path / "m.safetensors")
 
+    answer = run_json("train", folder, "--validation-fraction", 0.5, *out, *shape)
     assert not set(answer["validation"]) & set(answer["held_out"])
     assert answer["temperature"] > 0
 
@@ -396,23 +390,16 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     (diagnosis,) = run_json("diagnose", answer["model"], files[0], "--error-rate", 0.2)["diagnoses"]
     assert diagnosis["error_rate"] == 0.2
 
-    shown = run("diagnose", answer["model"], *files[:2], "--report", tmp_path / "page").stdout
-    assert "prediction set" in shown
+    printed = run("diagnose", answer["model"], *files[:2], "--report", tmp_path / "page").stdout
+    assert "prediction set" in printed
     assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
 
-    fewer = (
-        "--validation-fraction",
-        0.3,
-        "--test-fraction",
-        0.4,
-        "--out",
-        tmp_path / "m.safetensors",
-        *shape,
+    fractions = ("--validation-fraction", 0.3, "--test-fraction", 0.4)
+    errors = run("train", folder, *fractions, *out, *shape, "--set", "epochs=1").stderr
+    assert (
+        "An error rate of 0.1 needs 9 validation recordings, and a share of 0.3 is about" in errors
     )
-    said = run("train", folder, *fewer, "--set", "epochs=1").stderr
-
-    assert "An error rate of 0.1 needs 9 validation recordings, and a share of 0.3 is about" in said
-    assert "are held out for it; they allow an error rate of 0.1" in said
+    assert "are held out for it; they allow an error rate of 0.1" in errors
 
 
 @pytest.mark.parametrize(
@@ -424,7 +411,7 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
         (12, 0.2, 0.5, 6, 0.143),
     ],
 )
-def test_a_validation_takes_as_many_recordings_as_the_error_rate_needs_or_what_there_is(
+def test_a_validation_takes_the_recordings_that_the_error_rate_needs_if_available(
     recordings: int, fraction: float, share: float, count: int, rate: float
 ) -> None:
     assert validation_share(recordings, 0.1, fraction) == (share, count)

@@ -1,4 +1,4 @@
-"""The usual way from recordings to a verdict needs neither torch nor numba."""
+"""The default way from recordings to a verdict needs neither torch nor numba."""
 
 import subprocess
 import sys
@@ -52,10 +52,12 @@ def test_train_save_evaluate_diagnose_explain_and_detect_import_neither_torch_no
 
 
 def test_a_network_of_torch_names_the_extra_that_installs_it() -> None:
-    code = "import sys; sys.modules['torch'] = None; import swashtwin.learning as l; l.build_network('bitcn', 1, 2)"
-    error = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
-    ).stderr
+    code = (
+        "import sys; sys.modules['torch'] = None; "
+        "import swashtwin.learning as l; l.build_network('bitcn', 1, 2)"
+    )
+    command = [sys.executable, "-c", code]
+    error = subprocess.run(command, capture_output=True, text=True, check=False).stderr
     expected = (
         'the network bitcn needs torch, which is not installed: pip install "swashtwin[networks]".'
     )

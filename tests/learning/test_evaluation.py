@@ -1,6 +1,4 @@
-"""Scores: as defined, on honest test sets only, and the same under whatever order the classes
-have.
-"""
+"""Scores are as defined, refuse training recordings, and do not depend on the order of classes."""
 
 import math
 from dataclasses import dataclass
@@ -24,7 +22,7 @@ CLASSES = ("normal", "swash_plate", "piston")
 
 @dataclass(frozen=True, eq=False)
 class Oracle:
-    """Answers with the probabilities it was given."""
+    """Classifier that answers with given probabilities."""
 
     answers: np.ndarray
     classes: tuple[str, ...] = CLASSES
@@ -38,16 +36,20 @@ def measured(
     target, recordings=None, classes=CLASSES, *, pressure=None, synthetic=False
 ) -> WindowSet:
     count = len(target)
-    names = [f"rec {value}" for value in (target if recordings is None else recordings)]
+    if recordings is None:
+        recordings = target
+    names = [f"rec {value}" for value in recordings]
+
+    if pressure is None:
+        pressure = np.full(count, np.nan)
+
     return WindowSet(
         signal=np.zeros((count, 1, 4), dtype=np.float32),
         target=np.array(target, dtype=np.int64),
         classes=classes,
         recording_id=np.array(names, dtype=np.str_),
         specimen=np.full(count, "", dtype=np.str_),
-        discharge_pressure=np.full(count, np.nan)
-        if pressure is None
-        else np.array(pressure, dtype=np.float64),
+        discharge_pressure=np.array(pressure, dtype=np.float64),
         speed=np.full(count, np.nan),
         start=np.arange(count, dtype=np.int64),
         synthetic=np.full(count, synthetic),
@@ -56,15 +58,15 @@ def measured(
     )
 
 
-def sure(predicted, n_classes: int = 3, confidence: float = 0.9) -> np.ndarray:
-    rest = (1 - confidence) / (n_classes - 1)
-    return np.where(np.eye(n_classes)[predicted] > 0, confidence, rest)
+def confident(predicted, n_classes: int = 3, confidence: float = 0.9) -> np.ndarray:
+    remaining_probability = (1 - confidence) / (n_classes - 1)
+    return np.where(np.eye(n_classes)[predicted] > 0, confidence, remaining_probability)
 
 
 def test_scores_of_a_confusion_worked_by_hand():
     target = [0] * 4 + [1] * 4 + [2] * 2
     predicted = [0, 0, 0, 1, 1, 1, 0, 0, 2, 2]
-    scores = evaluate(Oracle(sure(predicted)), measured(target), split="L2")
+    scores = evaluate(Oracle(confident(predicted)), measured(target), split="L2")
 
     assert scores.confusion.tolist() == [[3, 1, 0], [2, 2, 0], [0, 0, 2]]
     assert scores.accuracy == pytest.approx(0.7)
@@ -95,19 +97,19 @@ def test_the_g_mean_is_imbalanced_learns_and_the_macro_recall_scikit_learns(pair
     assert g_mean(confusion) == pytest.approx(expected)
 
     classes = tuple(f"class {index}" for index in range(4))
-    scores = evaluate(Oracle(sure(predicted, 4), classes), measured(target, classes=classes))
+    scores = evaluate(Oracle(confident(predicted, 4), classes), measured(target, classes=classes))
 
     assert scores.macro_recall == pytest.approx(balanced_accuracy_score(target, predicted))
 
 
-def test_the_g_mean_is_zero_where_a_recall_is_zero_and_its_laplace_form_is_not():
+def test_the_g_mean_is_zero_if_a_recall_is_zero_and_its_laplace_form_is_not():
     confusion = np.array([[5, 0], [4, 0]])
     assert g_mean(confusion) == 0
     assert g_mean_laplace(confusion) == pytest.approx(math.sqrt(5.5 / 6 * 0.5 / 5))
 
 
 def test_a_class_without_test_windows_makes_the_g_mean_nan_with_a_reason():
-    scores = evaluate(Oracle(sure([0, 0, 1])), measured([0, 1, 1]))
+    scores = evaluate(Oracle(confident([0, 0, 1])), measured([0, 1, 1]))
     assert math.isnan(scores.g_mean)
     assert math.isnan(scores.g_mean_laplace)
     assert math.isnan(scores.recall["piston"])
@@ -117,21 +119,23 @@ def test_a_class_without_test_windows_makes_the_g_mean_nan_with_a_reason():
 
 
 def test_rates_that_the_test_set_cannot_give_are_nan_with_a_reason():
-    only_normal = evaluate(Oracle(sure([0, 1])), measured([0, 0]))
+    only_normal = evaluate(Oracle(confident([0, 1])), measured([0, 0]))
     assert only_normal.false_alarm_rate == 0.5
     assert math.isnan(only_normal.missed_fault_rate)
     assert only_normal.reasons["missed_fault_rate"] == "no faulty test window"
     assert only_normal.reasons["macro_auroc"] == "every test window is of one class"
 
-    unnamed = evaluate(Oracle(sure([0, 1], 2), ("a", "b")), measured([0, 1], classes=("a", "b")))
+    unnamed = evaluate(
+        Oracle(confident([0, 1], 2), ("a", "b")), measured([0, 1], classes=("a", "b"))
+    )
     assert unnamed.reasons["false_alarm_rate"] == "no healthy class, so no false-alarm rate"
     assert unnamed.reasons["missed_fault_rate"] == "no healthy class, so no missed-fault rate"
 
 
-def test_false_alarms_of_two_healthy_classes_are_faults_alone():
+def test_a_confusion_of_two_healthy_classes_is_not_a_false_alarm():
     classes = ("gut", "normal", "b")
     scores = evaluate(
-        Oracle(sure([0, 1, 0, 2, 1]), classes), measured([0, 0, 1, 1, 2], classes=classes)
+        Oracle(confident([0, 1, 0, 2, 1]), classes), measured([0, 0, 1, 1, 2], classes=classes)
     )
 
     assert (scores.false_alarm_rate, scores.missed_fault_rate) == (0.25, 1)
@@ -153,20 +157,18 @@ def test_scores_do_not_depend_on_the_order_of_the_classes(classifier_order, test
     )
 
     for name, value in plain.to_dict().items():
-        if name not in ("classes", "recall", "confusion", "cells"):
-            assert shuffled.to_dict()[name] == (
-                pytest.approx(value) if isinstance(value, float | list) else value
-            )
-
+        if name in ("classes", "recall", "confusion", "cells"):
+            continue  # these are listed by class
+        if isinstance(value, float | list):
+            value = pytest.approx(value)
+        assert shuffled.to_dict()[name] == value
     assert dict(shuffled.recall) == pytest.approx(dict(plain.recall), nan_ok=True)
-    assert (
-        shuffled.confusion.tolist()
-        == plain.confusion[np.ix_(classifier_order, classifier_order)].tolist()
-    )
+    expected = plain.confusion[np.ix_(classifier_order, classifier_order)]
+    assert shuffled.confusion.tolist() == expected.tolist()
 
 
 def test_a_recording_is_decided_by_the_mean_log_probability_of_its_windows():
-    # two windows lean to class 1, the third is sure of class 0: a majority would err, the mean
+    # two windows favor class 1, the third is sure of class 0: a majority would err, the mean
     # logarithm does not
     answers = np.array([[0.4, 0.5, 0.1], [0.4, 0.5, 0.1], [0.97, 0.01, 0.02]])
     scores = evaluate(Oracle(answers), measured([0, 0, 0]))
@@ -181,13 +183,14 @@ def test_a_recording_is_decided_by_the_mean_log_probability_of_its_windows():
 
 def test_each_cell_of_class_and_pressure_has_its_recall():
     scores = evaluate(
-        Oracle(sure([1, 1, 0, 1, 0])),
+        Oracle(confident([1, 1, 0, 1, 0])),
         measured([1, 1, 1, 1, 0], range(5), pressure=[5e6, 5e6, 15e6, 15e6, np.nan]),
     )
 
-    assert [
+    cells = [
         (cell.label, cell.discharge_pressure, cell.n_windows, cell.recall) for cell in scores.cells
-    ] == [
+    ]
+    assert cells == [
         ("normal", None, 1, 1.0),
         ("swash_plate", 5e6, 2, 1.0),
         ("swash_plate", 15e6, 2, 0.5),
@@ -202,46 +205,47 @@ def test_the_interval_rests_on_recordings_and_not_on_windows():
     assert by_recording == (0.25, 1.0)
 
     low, high = accuracy_interval(np.ones(60, dtype=bool), np.repeat(np.arange(20), 3))
-    assert (round(low, 3), high) == (0.839, 1.0), (
-        "20 recordings without an error may come from a share of 84 %"
-    )
+
+    # 20 recordings without an error are possible at an accuracy of 84 %
+    assert (round(low, 3), high) == (0.839, 1.0)
     assert 0.65 < by_window[0] < 0.75 < by_window[1] < 0.85
     assert accuracy_interval(right, np.repeat(np.arange(4), 50), seed=0) == by_recording
 
 
-def test_synthetic_and_seen_recordings_are_refused_and_named():
+def test_synthetic_and_training_recordings_are_refused_and_named():
     with pytest.raises(LeakError, match="rec 1 is synthetic"):
-        evaluate(Oracle(sure([1])), measured([1], synthetic=True))
+        evaluate(Oracle(confident([1])), measured([1], synthetic=True))
     with pytest.raises(LeakError, match="recording rec 0 and 1 more had a part"):
-        evaluate(Oracle(sure([0, 1, 2]), manifest=("rec 0", "rec 2", "rec 7")), measured([0, 1, 2]))
+        evaluate(
+            Oracle(confident([0, 1, 2]), manifest=("rec 0", "rec 2", "rec 7")), measured([0, 1, 2])
+        )
 
 
-def test_what_cannot_be_scored_is_refused():
+def test_unlabeled_windows_no_window_and_unknown_classes_are_refused():
     with pytest.raises(DataError, match="has no label"):
-        evaluate(Oracle(sure([0])), measured([-1]))
+        evaluate(Oracle(confident([0])), measured([-1]))
     with pytest.raises(DataError, match="no window"):
-        evaluate(Oracle(sure([0])), measured([0]).subset(np.array([], dtype=np.int64)))
+        evaluate(Oracle(confident([0])), measured([0]).subset(np.array([], dtype=np.int64)))
     with pytest.raises(InputError, match="does not know the class 'loose'"):
-        evaluate(Oracle(sure([0])), measured([0], classes=("normal", "loose")))
+        evaluate(Oracle(confident([0])), measured([0], classes=("normal", "loose")))
     with pytest.raises(InputError, match="Invalid split 'L9': it must be one of L0, L1"):
-        evaluate(Oracle(sure([0])), measured([0]), split="L9")
+        evaluate(Oracle(confident([0])), measured([0]), split="L9")
 
 
-def test_the_level_follows_from_machines_and_operating_points() -> None:
-    at_5, at_15 = (
-        OperatingCondition(speed=rpm(860), discharge_pressure=MPa(value)) for value in (5.0, 15.0)
-    )
+def test_the_split_follows_from_machines_and_operating_points() -> None:
+    at_5 = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(5.0))
+    at_15 = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15.0))
     reference = TrainingReference(
         recording_id=("a", "b"), label=("normal", "piston"), specimen=("A", "A"),
         condition=np.array([[at_5.speed, at_5.discharge_pressure]] * 2),
         features=np.zeros((2, 1), np.float32), statistics=np.zeros((2, 1, 1)),
     )  # fmt: skip
 
-    def some(specimen: str | None, condition: OperatingCondition | None) -> Recording:
+    def tested(specimen: str | None, condition: OperatingCondition | None) -> Recording:
         return Recording(np.zeros((1, 8)), 1000.0, "t", specimen=specimen, condition=condition)
 
-    assert split_between(reference, [some("A", at_5), some("A", None)]) == "L2"
-    assert split_between(reference, [some("A", at_15)]) == "L3"
-    assert split_between(reference, [some("B", at_5)]) == "L4"
-    assert split_between(reference, [some("A", at_5), some("B", at_5)]) is None
-    assert split_between(reference, [some(None, at_5)]) is None
+    assert split_between(reference, [tested("A", at_5), tested("A", None)]) == "L2"
+    assert split_between(reference, [tested("A", at_15)]) == "L3"
+    assert split_between(reference, [tested("B", at_5)]) == "L4"
+    assert split_between(reference, [tested("A", at_5), tested("B", at_5)]) is None
+    assert split_between(reference, [tested(None, at_5)]) is None

@@ -21,7 +21,7 @@ from swashtwin.signals import TIME_STATISTICS, time_statistics
 RATE = 1000.0
 
 
-def test_the_statistics_of_a_sine_are_the_textbooks():
+def test_the_statistics_of_a_sine_are_those_of_textbooks():
     sine = 3 * np.sin(2 * np.pi * 8 * np.arange(4096) / 4096)[None]
     value = dict(zip(TIME_STATISTICS, time_statistics(sine)[0], strict=True))
 
@@ -35,7 +35,7 @@ def test_the_statistics_of_a_sine_are_the_textbooks():
     assert value["impulse_factor"] == pytest.approx(np.pi / 2, rel=1e-4)
 
 
-def test_skewness_and_kurtosis_are_scipys():
+def test_skewness_and_kurtosis_are_those_of_scipy():
     signal = np.random.default_rng(0).gamma(2.0, size=(5, 400))
     value = dict(zip(TIME_STATISTICS, time_statistics(signal).T, strict=True))
 
@@ -44,7 +44,7 @@ def test_skewness_and_kurtosis_are_scipys():
 
 
 @pytest.mark.parametrize("samples", [255, 256, 1024])
-def test_the_bands_share_the_whole_mean_square_among_them(samples):
+def test_the_energies_of_all_bands_add_up_to_the_mean_square(samples):
     noise = np.random.default_rng(1).normal(size=(2000, samples))
     total = (10 ** band_energies(noise)).sum(axis=1)
     assert total.mean() == pytest.approx(1, abs=0.02)
@@ -62,16 +62,14 @@ def test_a_tone_fills_the_band_around_it_and_twice_the_amplitude_gives_four_time
 def test_the_envelope_spectrum_shows_the_modulation_that_the_spectrum_hides():
     time = np.arange(4096) / 4096.0
     carrier = np.sin(2 * np.pi * 1000 * time) * (1 + 0.8 * np.sin(2 * np.pi * 20 * time))
-    value = dict(
-        zip(feature_names(["acceleration"]), feature_values(carrier[None, None])[0], strict=True)
-    )
+    names = feature_names(["acceleration"])
+    value = dict(zip(names, feature_values(carrier[None, None])[0], strict=True))
     edges = np.geomspace(0.5, 2048.5, 33)
     band = int(np.searchsorted(edges, 20) - 1)
 
-    assert (
-        value[f"acceleration envelope spectrum band {band}"]
-        > value[f"acceleration spectrum band {band}"] + 3
-    )
+    in_envelope = value[f"acceleration envelope spectrum band {band}"]
+    in_spectrum = value[f"acceleration spectrum band {band}"]
+    assert in_envelope > in_spectrum + 3
     assert value["acceleration envelope mean"] == pytest.approx(1, abs=0.01)
     assert value["acceleration envelope deviation"] == pytest.approx(0.8 / np.sqrt(2), abs=0.01)
 
@@ -87,17 +85,17 @@ def test_every_channel_has_its_features_under_its_name_and_silence_has_finite_on
 
 def tree_windows(seed: int = 0) -> WindowSet:
     draw = np.random.default_rng(seed)
-    signals = [draw.normal(3, 1 + 0.2 * (number % 3), size=(2, 768)) for number in range(9)]
-    return cut_windows(
-        [
-            Recording(x, 1e3, f"{seed} {number}", label="abc"[number % 3], channels=("x", "y"))
-            for number, x in enumerate(signals)
-        ],
-        length=96,
-    )
+    recordings = []
+    for number in range(9):
+        signal = draw.normal(3, 1 + 0.2 * (number % 3), size=(2, 768))
+        label = "abc"[number % 3]
+        name = f"{seed} {number}"
+        recordings.append(Recording(signal, 1e3, name, label=label, channels=("x", "y")))
+
+    return cut_windows(recordings, length=96)
 
 
-def test_the_trees_answer_as_those_of_scikit_learn() -> None:
+def test_the_trees_give_the_probabilities_of_scikit_learn() -> None:
     train = tree_windows()
     test = tree_windows(1)
     peer = ExtraTreesClassifier(20, random_state=derive_seed(3, "extra trees") % 2**32)
@@ -107,7 +105,7 @@ def test_the_trees_answer_as_those_of_scikit_learn() -> None:
     np.testing.assert_allclose(answer, peer.predict_proba(feature_values(test.signal)), atol=1e-7)
 
 
-def test_nodes_that_lead_nowhere_or_back_or_compare_what_is_not_there_are_refused() -> None:
+def test_nodes_with_an_invalid_child_or_column_are_refused() -> None:
     weights = fit_trees(tree_windows(), 2).network.weights
     inner = int(np.flatnonzero(weights["column"] >= 0)[0])
     for name, value in (("left", 10**6), ("left", inner), ("column", 164)):

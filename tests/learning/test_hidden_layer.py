@@ -52,9 +52,9 @@ def test_the_gradient_of_each_weight_is_that_of_finite_differences(name: str) ->
     for entry in np.ndindex(gradient.shape):
         losses = []
         for sign in (1, -1):
-            moved = {key: value.copy() for key, value in weights.items()}
-            moved[name][entry] += sign * step
-            losses.append(cross_entropy(moved, x, is_kept, target, window_weight))
+            shifted = {key: value.copy() for key, value in weights.items()}
+            shifted[name][entry] += sign * step
+            losses.append(cross_entropy(shifted, x, is_kept, target, window_weight))
 
         expected[entry] = (losses[0] - losses[1]) / (2 * step)
 
@@ -80,15 +80,15 @@ def test_a_dropped_unit_adds_nothing_and_the_others_are_scaled_up() -> None:
     np.testing.assert_allclose(dropped, whole * is_kept / 0.8)
 
 
-def test_networks_along_a_leading_axis_are_as_if_alone() -> None:
+def test_networks_along_a_leading_axis_do_not_influence_each_other() -> None:
     rng = np.random.default_rng(1)
     weights = draw_weights(rng, networks=(2,))
     x = rng.normal(size=(2, N_WINDOWS, 4))
     together = forward(weights, x).scores
 
     for index in range(2):
-        alone = forward({name: value[index] for name, value in weights.items()}, x[index]).scores
-        np.testing.assert_allclose(together[index], alone)
+        single = forward({name: value[index] for name, value in weights.items()}, x[index]).scores
+        np.testing.assert_allclose(together[index], single)
 
 
 def test_adam_takes_the_steps_of_torch() -> None:
@@ -109,7 +109,7 @@ def test_adam_takes_the_steps_of_torch() -> None:
     np.testing.assert_allclose(weights["first"], parameter.detach().numpy(), rtol=1e-5)
 
 
-def test_the_hidden_layer_learns_what_only_two_features_together_tell() -> None:
+def test_the_hidden_layer_learns_an_exclusive_or_of_two_features() -> None:
     rng = np.random.default_rng(0)
     features = rng.normal(size=(8000, 6)).astype(np.float32)
     target = ((features[:, 0] > 0) != (features[:, 1] > 0)).astype(int)

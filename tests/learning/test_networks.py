@@ -1,6 +1,4 @@
-"""What makes BiTCN BiTCN, also as it is trained on a CPU, and settings of networks that cannot
-be.
-"""
+"""The structure of BiTCN, its fused layers for training on a CPU, and invalid network settings."""
 
 import copy
 
@@ -18,33 +16,28 @@ from swashtwin.learning.networks.registry import checked_settings
 
 @pytest.fixture(autouse=True)
 def seed() -> None:
-    """Weights that every run draws alike."""
+    """Make the initial weights the same in every run."""
     torch.manual_seed(0)
 
 
-def awake(module: torch.nn.Module) -> None:
-    """Make every weight positive, so that no ReLU sleeps and every sample that is in reach is
-    felt.
-    """
+def make_weights_positive(module: torch.nn.Module) -> None:
+    """Make every weight positive: no ReLU blocks, so every sample in reach has a gradient."""
     for weight in module.parameters():
         weight.data.abs_()
 
 
-def test_every_weight_has_a_part_in_the_scores():
+def test_every_weight_influences_the_scores():
     network = BiTCN(2, 3)
-    for seed in range(3):  # a hidden layer of few ReLU may sleep under one seed
-        drawn = network.fresh(seed)
-        drawn(
-            torch.randn(8, 2, 128, generator=torch.Generator().manual_seed(seed))
-        ).square().sum().backward()
+    idle = {key for key, _ in network.named_parameters()}
 
-        for weight, drawn_weight in zip(network.parameters(), drawn.parameters(), strict=True):
-            weight.grad = (
-                drawn_weight.grad if weight.grad is None else weight.grad + drawn_weight.grad
-            )
+    # three seeds, for under a single one all ReLU of a small hidden layer may be inactive
+    for seed in range(3):
+        seeded_network = network.fresh(seed)
+        windows = torch.randn(8, 2, 128, generator=torch.Generator().manual_seed(seed))
+        seeded_network(windows).square().sum().backward()
+        idle -= {key for key, weight in seeded_network.named_parameters() if weight.grad.any()}
 
-    idle = [key for key, weight in network.named_parameters() if not weight.grad.any()]
-    assert idle == []
+    assert idle == set()
 
 
 def test_an_unknown_network_or_setting_is_refused_and_the_nearest_offered():
@@ -57,7 +50,7 @@ def test_an_unknown_network_or_setting_is_refused_and_the_nearest_offered():
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("settings", "message"),
     [
         ({"dilations": (1, 2)}, "as many dilations"),
         ({"causal": 3}, r"causal \(3\) must be true or false"),
@@ -68,32 +61,29 @@ def test_an_unknown_network_or_setting_is_refused_and_the_nearest_offered():
         ({"channels": ()}, "as many"),
     ],
 )
-def test_bitcn_refuses_settings_that_cannot_be(settings, words):
-    with pytest.raises(InputError, match=words):
+def test_bitcn_refuses_invalid_settings(settings, message):
+    with pytest.raises(InputError, match=message):
         build_network("bitcn", 1, 5, **settings)
 
 
 @pytest.mark.parametrize("stride", [1, 4])
-def test_the_positive_units_see_no_later_reading_and_reach_as_far_back_as_the_receptive_field(
-    stride,
-):
+def test_the_positive_branch_is_causal_and_reaches_back_over_its_receptive_field(stride):
     network = BiTCN(1, 2, channels=(4, 4, 4), kernel_size=3, stride=stride).eval()
     branch = network.positive
-    for unit in (
-        branch.units
-    ):  # squeeze-and-excitation looks at the whole window; without it each unit is causal
+    # squeeze-and-excitation reads the whole window; without it each unit is causal
+    for unit in branch.units:
         unit.attention = torch.nn.Identity()
 
-    awake(branch)
+    make_weights_positive(branch)
     windows = torch.rand(1, 1, 256, requires_grad=True)
     steps = branch(windows)
     step = steps.shape[-1] - 1 - 40 // stride
     steps[0, :, step].sum().backward()
-    seen = windows.grad[0, 0].nonzero().flatten()
-    last = (step + 1) * stride - 1
+    samples_in_reach = windows.grad[0, 0].nonzero().flatten()
+    newest = (step + 1) * stride - 1
 
-    assert seen.max() == last
-    assert seen.min() == last - network.receptive_field + 1
+    assert samples_in_reach.max() == newest
+    assert samples_in_reach.min() == newest - network.receptive_field + 1
 
 
 def test_swapping_the_branches_reads_the_reversed_window():
@@ -106,7 +96,7 @@ def test_swapping_the_branches_reads_the_reversed_window():
     assert not torch.allclose(network(windows), scores, rtol=1e-3)
 
 
-def test_a_stride_cuts_the_steps_and_keeps_every_reading():
+def test_a_stride_reduces_the_steps_but_uses_every_sample():
     network = BiTCN(1, 2, stride=8).eval()
     windows = torch.randn(1, 1, 101, requires_grad=True)
 
@@ -116,21 +106,23 @@ def test_a_stride_cuts_the_steps_and_keeps_every_reading():
     assert windows.grad.ne(0).all()
 
 
-def test_a_default_of_another_kind_than_a_plain_number_takes_what_it_is_or_is_refused():
-    def own(n_channels, n_classes, length, share=np.float64(0.5), table={}): ...  # noqa: B006, B008
+def test_a_default_that_is_not_a_plain_number_accepts_its_type_only():
+    def build(n_channels, n_classes, length, share=np.float64(0.5), table={}): ...  # noqa: B006, B008
 
-    kind = type("Own", (), {"name": "own", "build": staticmethod(own)})
+    kind = type("Own", (), {"name": "own", "build": staticmethod(build)})
     assert checked_settings(kind, {"share": 1}) == {"share": 1.0}
     with pytest.raises(InputError, match=r"own: table \({'a': 1}\) must be a word"):
         checked_settings(kind, {"table": {"a": 1}})
 
 
-def test_one_number_or_word_for_a_setting_of_several_is_a_tuple_of_one():
-    assert build_network("bitcn", 1, 2, channels=8, dilations=2).settings["channels"] == (8,)
-    assert build_network("band_powers", 1, 2, heads="hidden").settings["heads"] == ("hidden",)
-    assert build_network("bitcn", 1, 2, channels=[np.int64(4)], dilations=1).settings[
-        "channels"
-    ] == (4,)
+def test_a_single_value_for_a_setting_of_several_is_a_tuple_of_one():
+    of_number = build_network("bitcn", 1, 2, channels=8, dilations=2)
+    of_text = build_network("band_powers", 1, 2, heads="hidden")
+    of_list = build_network("bitcn", 1, 2, channels=[np.int64(4)], dilations=1)
+
+    assert of_number.settings["channels"] == (8,)
+    assert of_text.settings["heads"] == ("hidden",)
+    assert of_list.settings["channels"] == (4,)
 
 
 VARIANTS = pytest.mark.parametrize(
@@ -146,7 +138,7 @@ def windows() -> torch.Tensor:
 
 
 def step(network: BiTCN, x: torch.Tensor) -> tuple[float, list[torch.Tensor], list[torch.Tensor]]:
-    """(loss, gradients, running means) after one pass in training."""
+    """Return the loss, the gradients and the running means after one training pass."""
     network = copy.deepcopy(network).train()
     loss = functional.cross_entropy(network(x), torch.arange(6) % 5)
     loss.backward()
@@ -154,20 +146,18 @@ def step(network: BiTCN, x: torch.Tensor) -> tuple[float, list[torch.Tensor], li
 
 
 def distance(actual: list[torch.Tensor], expected: list[torch.Tensor]) -> float:
-    """Largest deviation over the largest entry, of the worst tensor; one whose entries are rounding
-    counts as 1e-6.
-    """
-    pairs = zip(actual, expected, strict=True)
-    return max(
-        float((first - other).abs().max() / max(1e-6, float(other.abs().max())))
-        for first, other in pairs
-    )
+    """Return the largest deviation relative to the largest entry, of the worst tensor."""
+    deviations = []
+    for actual_tensor, expected_tensor in zip(actual, expected, strict=True):
+        # entries below 1e-6 are rounding errors of a gradient that is zero
+        scale = max(1e-6, float(expected_tensor.abs().max()))
+        deviations.append(float((actual_tensor - expected_tensor).abs().max()) / scale)
+
+    return max(deviations)
 
 
 @VARIANTS
-def test_fused_loss_gradients_and_running_means_are_as_exact_as_those_of_the_plain_layers(
-    settings, monkeypatch
-):
+def test_fused_layers_are_as_exact_as_the_plain_ones(settings, monkeypatch):
     network = BiTCN(3, 5, dropout=0.0, **settings)
     fused = step(network, windows())
     monkeypatch.setattr(bitcn, "can_fuse", lambda x: False)
@@ -194,30 +184,28 @@ def test_dropout_has_the_gradients_of_the_layers_with_the_same_mask():
         normalization.weight,
         normalization.bias,
     ]
+
     active, mean = _Activation.apply(*inputs, normalization, 0.3)
     actual = torch.autograd.grad((active * weights).sum() + (mean * of_mean).sum(), inputs)
 
     features = x.transpose(1, 2)
-    normalized = torch.relu(
-        functional.batch_norm(features, None, None, *inputs[2:], training=True)
-    ).transpose(1, 2)
-    expected = normalized * (active > 0) / 0.7
+    normalized = functional.batch_norm(features, None, None, *inputs[2:], training=True)
+    expected = torch.relu(normalized).transpose(1, 2) * (active > 0) / 0.7
     score = (expected * weights).sum() + (expected.mean(dim=1) * of_mean).sum()
     gradients = torch.autograd.grad(score, [x, *inputs[2:]])
-    pairs = zip(
-        (active, mean, actual[0], *actual[2:]),
-        (expected, expected.mean(dim=1), *gradients),
-        strict=True,
-    )
 
-    for first, other in pairs:
-        torch.testing.assert_close(first, other, rtol=1e-4, atol=1e-4)
+    fused_results = (active, mean, actual[0], *actual[2:])
+    plain_results = (expected, expected.mean(dim=1), *gradients)
 
-    assert actual[1].abs().max() < 1e-2  # normalization takes the convolution's bias away
+    for fused, plain in zip(fused_results, plain_results, strict=True):
+        torch.testing.assert_close(fused, plain, rtol=1e-4, atol=1e-4)
+
+    # normalization removes the convolution's bias, so that its gradient vanishes
+    assert actual[1].abs().max() < 1e-2
 
 
 def dropped(share: float) -> np.ndarray:
-    """Which entries dropout takes, of features that ReLU passes."""
+    """Return which entries dropout removes, of features that are all positive."""
     normalization = torch.nn.BatchNorm1d(64)
     torch.nn.init.constant_(normalization.bias, 100.0)
     x = torch.randn(8, 512, 64)
@@ -229,29 +217,29 @@ def dropped(share: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5])
-def test_dropout_takes_the_share_that_it_is_told_independently_of_place_and_call(share):
+def test_dropout_removes_its_share_independently_of_position_and_call(share):
     torch.manual_seed(3)
     first = dropped(share)
     second = dropped(share)
-    spread = (share * (1 - share) / first.size) ** 0.5
 
-    assert first.mean() == pytest.approx(share, abs=5 * spread)
-    assert (
-        np.abs(first.mean(axis=(0, 1)) - share).max()
-        <= 5 * (share * (1 - share) / first[..., 0].size) ** 0.5
-    )
+    def bound(probability: float, n_draws: int) -> float:
+        # five binomial standard deviations are exceeded once in two million draws
+        return 5 * (probability * (1 - probability) / n_draws) ** 0.5
 
-    for left, right in [
+    assert first.mean() == pytest.approx(share, abs=bound(share, first.size))
+    unit_shares = first.mean(axis=(0, 1))
+    assert np.abs(unit_shares - share).max() <= bound(share, first[..., 0].size)
+
+    # two calls, then neighbors along windows, steps and units
+    for earlier, later in [
         (first, second),
         (first[:-1], first[1:]),
         (first[:, :-1], first[:, 1:]),
         (first[..., :-1], first[..., 1:]),
         (first[:, :-32], first[:, 32:]),
     ]:
-        both = (left & right).mean()
-        assert both == pytest.approx(
-            share**2, abs=5 * (share**2 * (1 - share**2) / left.size) ** 0.5
-        )
+        joint_share = (earlier & later).mean()
+        assert joint_share == pytest.approx(share**2, abs=bound(share**2, earlier.size))
 
 
 def test_the_same_random_state_drops_the_same():

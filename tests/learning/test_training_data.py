@@ -1,4 +1,4 @@
-"""Training data keep test, validation and training apart, with synthetic windows in training only."""
+"""Test, validation and training share no recording, and only training has synthetic windows."""
 
 from dataclasses import replace
 
@@ -16,17 +16,12 @@ CLASSES = ("normal", "piston")
 def cut_rig(recordings_per_class: int) -> WindowSet:
     condition = OperatingCondition(speed=rpm(1200), discharge_pressure=MPa(10))
     rng = np.random.default_rng(0)
-    recordings = [
-        Recording(
-            rng.normal(size=(1, 600)),
-            1000.0,
-            f"{label}-{number}",
-            label=label,
-            condition=condition,
-        )
-        for label in CLASSES
-        for number in range(recordings_per_class)
-    ]
+    recordings = []
+    for label in CLASSES:
+        for number in range(recordings_per_class):
+            signal = rng.normal(size=(1, 600))
+            name = f"{label}-{number}"
+            recordings.append(Recording(signal, 1000.0, name, label=label, condition=condition))
 
     return cut_windows(recordings, length=100)
 

@@ -1,6 +1,4 @@
-"""A detector from healthy recordings alone: false alarms, what it says that moved, when it says
-nothing, its file.
-"""
+"""A detector of healthy recordings alone: false alarms, reported changes, missing verdicts, files."""
 
 import json
 import math
@@ -33,8 +31,9 @@ SHAFT = 20.0
 
 
 def recording(name: str, *, pressure: float = 10.0, rise: float = 0.0, label: str = "normal"):
-    """A machine whose orders and noise follow the pressure [MPa]; order 9 of channel x is raised by
-    `rise` [dB].
+    """Return a machine whose orders and noise follow the pressure [MPa].
+
+    Order 9 of channel x is raised by `rise` [dB].
     """
     draw = np.random.default_rng([*name.encode()])
     time = np.arange(LENGTH) / RATE
@@ -44,9 +43,8 @@ def recording(name: str, *, pressure: float = 10.0, rise: float = 0.0, label: st
     phase = draw.uniform(0, 2 * math.pi, (2, 12, 1))
     angle = 2 * math.pi * SHAFT * np.arange(1, 13)[:, None] * time
     signal = (amplitude[..., None] * np.sin(angle + phase)).sum(axis=1)
-    signal = signal + 0.3 * pressure / 10 * 10 ** (draw.normal(0, 0.5) / 20) * draw.normal(
-        size=signal.shape
-    )
+    noise_rms = 0.3 * pressure / 10 * 10 ** (draw.normal(0, 0.5) / 20)
+    signal = signal + noise_rms * draw.normal(size=signal.shape)
     condition = OperatingCondition(2 * math.pi * SHAFT, st.MPa(pressure))
 
     return Recording(
@@ -61,13 +59,14 @@ def healthy() -> list[Recording]:
 
 @pytest.fixture(scope="module")
 def detector(healthy: list[Recording]) -> st.AnomalyDetector:
-    """Nothing is odd in it."""
     detector = st.AnomalyDetector().fit(healthy)
-    assert (detector.fitted_.n_recordings, detector.notes_) == (20, ())
+
+    assert detector.fitted_.n_recordings == 20
+    assert detector.notes_ == ()  # no recording deviates
     return detector
 
 
-def test_a_line_that_rose_is_an_alarm_that_names_order_channel_and_decibels(
+def test_a_risen_line_is_an_alarm_that_names_order_channel_and_decibels(
     detector: st.AnomalyDetector,
 ) -> None:
     verdict = detector.diagnose(recording("fault", rise=12.0))
@@ -87,32 +86,29 @@ def test_a_pressure_in_whole_pascals_or_single_precision_is_compared_like_any_ot
 ) -> None:
     for pressure in (10_100_000, np.float32(10.1e6)):
         condition = OperatingCondition(np.float32(2 * math.pi * SHAFT), pressure)
-        assert (
-            detector.diagnose(replace(healthy[1], recording_id="again", condition=condition)).alarm
-            is not None
-        )
+        new = replace(healthy[1], recording_id="new", condition=condition)
+        assert detector.diagnose(new).alarm is not None
 
 
-def test_false_alarms_stay_within_the_stated_rate(healthy: list[Recording]) -> None:
+def test_false_alarms_stay_within_the_specified_rate(healthy: list[Recording]) -> None:
     """Over draws of both the healthy recordings and the new ones, as conformal p-values promise."""
     alarms = []
     for part in range(6):
         few = [recording(f"{part} h{n}", pressure=(5.0, 10.0)[n % 2]) for n in range(9)]
         detector = st.AnomalyDetector(error_rate=0.1).fit(few)
-        verdicts = [
-            detector.diagnose(recording(f"{part} t{n}", pressure=(5.0, 10.0)[n % 2]))
-            for n in range(20)
-        ]
-        alarms += [verdict.alarm for verdict in verdicts]
 
+        for number in range(20):
+            new = recording(f"{part} t{number}", pressure=(5.0, 10.0)[number % 2])
+            alarms.append(detector.diagnose(new).alarm)
+
+    # two binomial standard deviations above the rate
     assert np.mean(alarms) <= 0.1 + 2 * math.sqrt(0.1 * 0.9 / len(alarms))
     assert any(alarms)
 
 
 def burst(signal: np.ndarray) -> np.ndarray:
-    return signal + 20 * (np.arange(LENGTH) // 40 % 20 == 7) * np.random.default_rng(0).normal(
-        size=signal.shape
-    )
+    is_burst = np.arange(LENGTH) // 40 % 20 == 7
+    return signal + 20 * is_burst * np.random.default_rng(0).normal(size=signal.shape)
 
 
 def gain(signal: np.ndarray) -> np.ndarray:
@@ -125,51 +121,54 @@ def other_point(signal: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("disturb", "words"),
+    ("disturb", "message"),
     [
         (burst, "dB at 524 to 660 Hz"),
         (gain, "dB in all bands of channel y (changed gain"),
         (other_point, "resembles those at A, 1200 rev/min, 5 MPa"),
     ],
 )
-def test_two_odd_recordings_of_twenty_are_named_and_left_out_and_hide_no_fault(
-    healthy, disturb, words: str
+def test_two_deviating_recordings_of_twenty_are_excluded_by_name_and_hide_no_fault(
+    healthy, disturb, message: str
 ) -> None:
-    """Two that are odd alike hide neither each other nor a fault; the rate is that of the
-    recordings left.
+    """Two that deviate alike hide neither each other nor a fault; the rate is that of the remaining
+    recordings.
     """
-    odd = [
-        one.replace(signal=disturb(one.signal), recording_id=f"odd{n}")
-        for n, one in enumerate(healthy[1:5:2])
+    disturbed = healthy[1:5:2]
+    deviating = [
+        member.replace(signal=disturb(member.signal), recording_id=f"odd{n}")
+        for n, member in enumerate(disturbed)
     ]
-    usual = [one for one in healthy if one not in healthy[1:5:2]]
-    detector = st.AnomalyDetector().fit([*odd, *usual])
-    without = st.AnomalyDetector().fit(usual)
-    first, second, cost, few = detector.notes_
+    remaining = [member for member in healthy if member not in disturbed]
 
+    detector = st.AnomalyDetector().fit([*deviating, *remaining])
+    without_deviating = st.AnomalyDetector().fit(remaining)
+    first, second, cost, few = detector.notes_
     assert "odd0 is left out" in first
-    assert words in first
+    assert message in first
     assert "odd1 is left out" in second
-    assert re.search(
-        r"With odd0, odd1 a change must be \d+\.\d times as large .* false-alarm rate is 0.14",
-        cost,
+    expected = (
+        r"With odd0, odd1 a change must be \d+\.\d times as large .* false-alarm rate is 0.14"
     )
+    assert re.search(expected, cost)
     assert "18 healthy recordings allow no false-alarm rate below 0.053" in few
 
     fault = recording("fault", rise=12.0)
-    assert detector.diagnose(fault).to_dict() == without.diagnose(fault).to_dict()
+    assert detector.diagnose(fault).to_dict() == without_deviating.diagnose(fault).to_dict()
     assert detector.diagnose(fault).alarm
-    assert detector.diagnose(odd[0].replace(recording_id="new", signal=odd[0].signal + 1e-6)).alarm
+    assert detector.diagnose(
+        deviating[0].replace(recording_id="new", signal=deviating[0].signal + 1e-6)
+    ).alarm
     with pytest.raises(
         InputError, match=r"needs at least 19 healthy recordings; there are 18 without odd0, odd1"
     ):
-        st.AnomalyDetector(error_rate=0.05).fit([*odd, *usual])
+        st.AnomalyDetector(error_rate=0.05).fit([*deviating, *remaining])
 
 
-def test_recordings_of_another_state_are_too_many_to_leave_out_and_a_point_that_disagrees_is(
+def test_many_deviating_recordings_stay_and_an_inconsistent_operating_point_is_excluded(
     healthy,
 ) -> None:
-    state = [one.replace(signal=gain(one.signal)) for one in healthy[:6]]
+    state = [member.replace(signal=gain(member.signal)) for member in healthy[:6]]
     detector = st.AnomalyDetector().fit([*state, *healthy[6:]])
 
     assert detector.fitted_.n_recordings == 20
@@ -193,24 +192,22 @@ def test_recordings_of_another_state_are_too_many_to_leave_out_and_a_point_that_
     )
 
 
-def test_the_cost_of_odd_recordings_is_that_of_a_level_that_rises(
+def test_the_detectable_rise_is_that_of_a_single_band_power(
     detector: st.AnomalyDetector,
 ) -> None:
-    """Half of `detectable_rise` in one level is seldom an alarm, twice as much mostly is."""
+    """Half of `detectable_rise` in one band power is rarely an alarm, twice as much mostly is."""
     fitted = detector.fitted_
-    rise = detectable_rise(fitted.band_powers, fitted.point_index, 0.05) * np.eye(
-        fitted.band_powers.shape[1]
-    )
+    n_band_powers = fitted.band_powers.shape[1]
+    rise = detectable_rise(fitted.band_powers, fitted.point_index, 0.05) * np.eye(n_band_powers)
     alarms = []
 
+    # every sixteenth band power, for all of them would take minutes
     for row, column in product(range(20), range(0, len(rise), 16)):
-        others = fitted.subset(np.arange(20) != row)
+        without_row = fitted.subset(np.arange(20) != row)
         point = fitted.points[fitted.point_index[row]]
         risen = [fitted.band_powers[row] + factor * rise[column] for factor in (0.5, 2.0)]
-        alarms.append(
-            [others.deviation_of(one, others.points.index(point)).p_value <= 0.05 for one in risen]
-        )
-
+        index = without_row.points.index(point)
+        alarms.append([without_row.deviation_of(row, index).p_value <= 0.05 for row in risen])
     half, twice = np.mean(alarms, axis=0)
     assert half < 0.3
     assert twice > 0.6
@@ -220,13 +217,12 @@ def test_the_p_value_does_not_depend_on_the_order_of_the_healthy_recordings(
     healthy: list[Recording], detector: st.AnomalyDetector
 ) -> None:
     new = recording("new", rise=3.0)
-    assert (
-        st.AnomalyDetector().fit(healthy[::-1]).diagnose(new).p_value
-        == detector.diagnose(new).p_value
-    )
+    reversed_detector = st.AnomalyDetector().fit(healthy[::-1])
+
+    assert reversed_detector.diagnose(new).p_value == detector.diagnose(new).p_value
 
 
-def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(
+def test_a_changed_gain_is_reported_for_the_channel_and_not_for_its_lines(
     detector: st.AnomalyDetector,
 ) -> None:
     loud = recording("loud")
@@ -239,7 +235,7 @@ def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (
             {"pressure": 7.0},
@@ -251,8 +247,8 @@ def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(
         ({"signal": 1e200}, "larger than a window can hold"),
     ],
 )
-def test_what_the_healthy_recordings_do_not_cover_has_no_verdict(
-    detector: st.AnomalyDetector, change: dict, words: str
+def test_a_recording_that_the_healthy_ones_do_not_cover_has_no_verdict(
+    detector: st.AnomalyDetector, change: dict, message: str
 ) -> None:
     new = recording("new", pressure=change.get("pressure", 10.0))
     if "length" in change:
@@ -261,14 +257,15 @@ def test_what_the_healthy_recordings_do_not_cover_has_no_verdict(
         new = new.replace(signal=new.signal * change["signal"])
     elif "pressure" not in change:
         new = new.replace(**change)
+
     verdict = detector.diagnose(new)
 
     assert verdict.alarm is None
-    assert words in str(verdict.no_verdict)
+    assert message in str(verdict.no_verdict)
     assert verdict.p_value is None
 
 
-def test_a_missing_pressure_is_assumed_where_only_one_was_recorded() -> None:
+def test_a_missing_pressure_is_assumed_if_only_one_was_recorded() -> None:
     detector = st.AnomalyDetector().fit([recording(f"h{n}") for n in range(6)])
     verdict = detector.diagnose(
         recording("new").replace(condition=None, specimen=None, attributes={"speed": "20 Hz"})
@@ -289,7 +286,7 @@ def test_recordings_without_a_speed_are_compared_by_bands() -> None:
     assert detector.diagnose(recording("new", rise=25.0).replace(condition=None)).alarm
 
 
-def test_few_recordings_say_which_rate_they_allow_and_a_lower_one_is_refused(
+def test_the_rate_that_few_recordings_allow_is_reported_and_a_lower_one_is_refused(
     healthy: list[Recording],
 ) -> None:
     detector = st.AnomalyDetector().fit(healthy[:8])
@@ -306,7 +303,7 @@ def test_few_recordings_say_which_rate_they_allow_and_a_lower_one_is_refused(
         st.AnomalyDetector().fit(healthy[:4])
 
 
-def test_a_fault_and_a_copy_among_the_healthy_recordings_are_noticed(
+def test_a_fault_and_a_copy_among_the_healthy_recordings_are_detected(
     healthy: list[Recording],
 ) -> None:
     with pytest.raises(DataError, match="'piston'"):
@@ -317,12 +314,12 @@ def test_a_fault_and_a_copy_among_the_healthy_recordings_are_noticed(
     assert "proves nothing" in detector.diagnose(healthy[0]).notes[0]
 
 
-def test_another_rate_is_refused_with_what_to_do(detector: st.AnomalyDetector) -> None:
+def test_another_sample_rate_is_refused_with_a_remedy(detector: st.AnomalyDetector) -> None:
     with pytest.raises(DataError, match="set resample='2000 Hz'"):
         detector.diagnose(replace(recording("new"), sample_rate=1000.0))
 
 
-def test_scores_count_alarms_by_class_and_refuse_what_was_seen(
+def test_scores_count_alarms_by_class_and_refuse_training_recordings(
     healthy: list[Recording], detector: st.AnomalyDetector
 ) -> None:
     test = [recording(f"t{n}", label="gut") for n in range(4)]
@@ -339,32 +336,42 @@ def test_scores_count_alarms_by_class_and_refuse_what_was_seen(
         detector.evaluate(healthy[:1])
 
 
-def test_a_saved_detector_answers_as_before(detector: st.AnomalyDetector, tmp_path: Path) -> None:
-    again = st.AnomalyDetector.load(detector.save(tmp_path / "d.safetensors"))
+def test_a_loaded_detector_answers_as_the_saved_one(
+    detector: st.AnomalyDetector, tmp_path: Path
+) -> None:
+    loaded = st.AnomalyDetector.load(detector.save(tmp_path / "d.safetensors"))
     new = recording("new", rise=4.0)
 
-    assert again.diagnose(new).to_dict() == detector.diagnose(new).to_dict()
-    assert (again.notes_, again.error_rate_) == (detector.notes_, detector.error_rate_)
-    assert again.manifest == detector.manifest
+    assert loaded.diagnose(new).to_dict() == detector.diagnose(new).to_dict()
+    assert loaded.notes_ == detector.notes_
+    assert loaded.error_rate_ == detector.error_rate_
+    assert loaded.manifest == detector.manifest
 
 
 @pytest.mark.parametrize(
-    "lie",
+    "false_entries",
     [
-        {"shortest": 3}, {"specimen": ["A"]}, {"manifest": {}}, {"specimen": [str(n) for n in range(20)]},
-        {"layout": {"n_orders": 10**30}}, {"layout": {"length": 10**12}}, {"layout": {"sample_rate": -1.0}},
-        {"layout": {"channels": []}}, {"layout": {"length": 0}}, {"layout": {"channels": ["x"] * 3}},
+        {"shortest": 3},
+        {"specimen": ["A"]},
+        {"manifest": {}},
+        {"specimen": [str(n) for n in range(20)]},
+        {"layout": {"n_orders": 10**30}},
+        {"layout": {"length": 10**12}},
+        {"layout": {"sample_rate": -1.0}},
+        {"layout": {"channels": []}},
+        {"layout": {"length": 0}},
+        {"layout": {"channels": ["x"] * 3}},
     ],
-)  # fmt: skip
-def test_a_card_that_lies_is_refused_in_one_line(
-    detector: st.AnomalyDetector, tmp_path: Path, lie: dict
+)
+def test_an_inconsistent_card_is_refused_in_one_line(
+    detector: st.AnomalyDetector, tmp_path: Path, false_entries: dict
 ) -> None:
     kind = st.AnomalyDetector.KIND
     path = detector.save(tmp_path / "d.safetensors")
     card, tensors = read_artifact(path, kind, 2, advice="", may_be_nan=None)
     healthy = card["healthy"]
 
-    for name, value in lie.items():
+    for name, value in false_entries.items():
         healthy[name] = {**healthy[name], **value} if name == "layout" else value
 
     for changed in (
@@ -405,18 +412,12 @@ def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Pa
         run("train", str(folder / "healthy"), "--out", str(model), "--json").stdout
     )
 
-    assert (trained["kind"], trained["error_rate"], len(trained["recordings"])) == (
-        "anomaly detector",
-        0.05,
-        20,
-    )
-
+    assert trained["kind"] == "anomaly detector"
+    assert trained["error_rate"] == 0.05
+    assert len(trained["recordings"]) == 20
     scored = json.loads(run("evaluate", str(model), str(folder / "all"), "--json").stdout)
-    assert [(item["label"], item["n_recordings"]) for item in scored["classes"]] == [
-        ("normal", 1),
-        ("piston", 2),
-    ]
-
+    n_recordings = {scores["label"]: scores["n_recordings"] for scores in scored["classes"]}
+    assert n_recordings == {"normal": 1, "piston": 2}
     page = folder / "page.html"
     answer = run(
         "diagnose", str(model), str(folder / "all" / "p0.h5"), "--report", str(page), "--json"
@@ -427,17 +428,17 @@ def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Pa
     assert verdict["changes"][0]["band"] == "shaft order 9 (180 Hz)"
     assert "Change of the levels" in page.read_text(encoding="utf-8")
 
-    shown = run(
+    printed = run(
         "diagnose", str(model), str(folder / "all" / "t1.h5"), "--pressure", "20 MPa", code=3
     )
 
-    assert "20" in one_line(shown)
+    assert "20" in one_line(printed)
 
 
-def test_check_finds_healthy_recordings_alone_enough_for_a_detector(folder: Path) -> None:
-    shown = run("check", str(folder / "healthy")).stdout
-    assert "20 healthy recordings allow a false-alarm rate of 0.05" in shown
-    assert "The data are sound and enough for an anomaly detector." in shown
+def test_check_reports_that_healthy_recordings_suffice_for_a_detector(folder: Path) -> None:
+    printed = run("check", str(folder / "healthy")).stdout
+    assert "20 healthy recordings allow a false-alarm rate of 0.05" in printed
+    assert "The data are sound and enough for an anomaly detector." in printed
 
 
 def test_a_classifier_of_healthy_recordings_alone_is_refused(
@@ -449,7 +450,7 @@ def test_a_classifier_of_healthy_recordings_alone_is_refused(
         st.FaultClassifier(window=512).fit(healthy[:6])
 
 
-def test_a_verdict_without_levels_has_a_page_too(tmp_path: Path) -> None:
+def test_a_verdict_without_band_powers_has_a_page_too(tmp_path: Path) -> None:
     verdict = Diagnosis("a", "detector", no_verdict="the file is damaged.", error_rate=0.05)
     text = st.write_report(verdict, folder=tmp_path / "page").read_text(encoding="utf-8")
     assert "The file is damaged" in text

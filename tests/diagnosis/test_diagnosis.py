@@ -1,6 +1,4 @@
-"""A saved classifier answers as the one that was saved, or is refused; a diagnosis says what to
-doubt.
-"""
+"""A loaded classifier answers as the saved one or is refused; a diagnosis states its doubts."""
 
 import copy
 import math
@@ -62,9 +60,11 @@ def recording(
 
 
 def windows() -> WindowSet:
-    return cut_windows(
-        [recording(f"{label} {n}", label) for label in CLASSES for n in range(3)], length=80
-    )
+    recordings = []
+    for label in CLASSES:
+        recordings.extend(recording(f"{label} {number}", label) for number in range(3))
+
+    return cut_windows(recordings, length=80)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def saved(classifier, tmp_path) -> Path:
 @pytest.mark.parametrize(
     ("name", "normalization"), [*((name, "set") for name in sorted(BUILT_IN)), ("bitcn", "window")]
 )
-def test_a_classifier_loaded_answers_bit_for_bit_as_the_one_saved(tmp_path, name, normalization):
+def test_a_loaded_classifier_has_the_bits_of_the_saved_one(tmp_path, name, normalization):
     settings = TrainingSettings(epochs=1, normalization=normalization)
     classifier = fit(build_network(name, 1, 2), windows(), settings=settings, manifest=["extra"])
     loaded = load_classifier(save_classifier(classifier, tmp_path / "deep" / "model.safetensors"))
@@ -90,37 +90,24 @@ def test_a_classifier_loaded_answers_bit_for_bit_as_the_one_saved(tmp_path, name
         loaded.predict_proba(windows()), classifier.predict_proba(windows())
     )
     np.testing.assert_array_equal(loaded.embed(windows()), classifier.embed(windows()))
-    for fact in (
-        "classes",
-        "layout",
-        "settings",
-        "seed",
-        "history",
-        "manifest",
-        "pressures",
-        "speeds",
-    ):
+
+    facts = "classes layout settings seed history manifest pressures speeds"
+    for fact in facts.split():
         assert getattr(loaded, fact) == getattr(classifier, fact)
 
     assert [path.name for path in (tmp_path / "deep").iterdir()] == ["model.safetensors"]
 
 
 def test_saving_the_loaded_classifier_gives_the_same_bytes(saved, tmp_path):
-    again = save_classifier(load_classifier(saved), tmp_path / "again.safetensors")
-    assert again.read_bytes() == saved.read_bytes()
+    copy = save_classifier(load_classifier(saved), tmp_path / "copy.safetensors")
+    assert copy.read_bytes() == saved.read_bytes()
 
 
-def test_a_file_whose_card_misses_something_is_refused_in_one_line(saved):
+def test_a_file_with_an_incomplete_card_is_refused_in_one_line(saved):
     card, tensors = read_artifact(saved, "classifier", 9, advice="")
     for name in card:
-        write_artifact(
-            saved,
-            "classifier",
-            9,
-            {key: value for key, value in card.items() if key != name},
-            tensors,
-        )
-
+        incomplete = {key: value for key, value in card.items() if key != name}
+        write_artifact(saved, "classifier", 9, incomplete, tensors)
         with pytest.raises(ArtifactError, match=f"does not fit this swashtwin.*{name}") as caught:
             load_classifier(saved)
         assert "\n" not in str(caught.value)
@@ -171,7 +158,7 @@ def test_a_new_recording_is_diagnosed_from_all_its_windows(classifier, label):
     assert diagnosis.notes == ()
 
 
-def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(classifier):
+def test_an_untrained_condition_and_a_training_recording_have_notes(classifier):
     (note,) = diagnose(classifier, recording("new", "normal", pressure=5)).notes
     assert "5 MPa was not trained (trained: 15 MPa)" in note
 
@@ -187,7 +174,7 @@ def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(class
 
 
 @pytest.mark.parametrize(
-    ("machines", "specimen", "words"),
+    ("machines", "specimen", "messages"),
     [
         ("A" * 6, "B", ["Machine B is not in the training, which covers one machine, A."]),
         ("A" * 6, "A", []),
@@ -195,21 +182,21 @@ def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(class
         (("",) * 6, "B", []),
     ],
 )
-def test_a_machine_without_a_part_in_the_training_is_said_to_be_another_one(
-    classifier, machines, specimen, words
-):
+def test_a_note_names_a_machine_that_was_not_trained(classifier, machines, specimen, messages):
     reference = replace(classifier.training_reference, specimen=tuple(machines))
     trained = replace(classifier, training_reference=reference)
     notes = diagnose(trained, replace(recording("new", "piston"), specimen=specimen)).notes
 
-    assert [note[: len(words[0])] for note in notes] == words if words else notes == ()
+    assert len(notes) == len(messages)
+    for note, message in zip(notes, messages, strict=True):
+        assert note.startswith(message)
     assert ("measured on one machine only" in describe_single_machine_faults(reference)) == (
         machines != "ABCABC"
     )
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "messages"),
     [
         (
             {"sample_rate": 2000.0},
@@ -227,9 +214,9 @@ def test_a_machine_without_a_part_in_the_training_is_said_to_be_another_one(
     ],
 )
 def test_a_recording_that_does_not_fit_the_classifier_is_refused_with_both_values(
-    classifier, change, words
+    classifier, change, messages
 ):
-    with pytest.raises(DataError, match=words):
+    with pytest.raises(DataError, match=messages):
         diagnose(classifier, replace(recording("new", "normal"), **change))
 
 
@@ -244,7 +231,8 @@ def test_a_diagnosis_imports_no_library_that_it_does_not_need(tmp_path):
         "import sys; from swashtwin.cli import main; sys.argv[1:] = ['diagnose', *sys.argv[1:]]\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "heavy = {'sklearn', 'scipy.signal', 'matplotlib', 'onnx', 'pandas', 'polars', 'numba', 'sympy', 'torch'}\n"
+        "heavy = {'sklearn', 'scipy.signal', 'matplotlib', 'onnx', 'pandas', 'polars',\n"
+        "         'numba', 'sympy', 'torch'}\n"
         "print('imported:', sorted(heavy & set(sys.modules)))"
     )
     command = [sys.executable, "-c", code, str(saved), str(path)]
@@ -262,29 +250,28 @@ def spiked(size: float) -> Recording:
 
 
 def test_a_recording_too_short_for_a_window_has_no_verdict(classifier):
-    assert (
-        "too few for one window"
-        in diagnose(classifier, recording("new", "normal", samples=79)).no_verdict
-    )
+    verdict = diagnose(classifier, recording("new", "normal", samples=79))
+    assert "too few for one window" in verdict.no_verdict
 
 
-@pytest.mark.parametrize("size", [1e20, 1e39, np.nan])
-def test_one_sample_that_is_no_number_or_far_too_large_leaves_no_verdict(classifier, size):
+@pytest.mark.parametrize(
+    ("size", "reason"),
+    [(1e20, "1e+20 m/s^2"), (1e39, "1e+39 m/s^2"), (np.nan, "missing or infinite")],
+)
+def test_a_single_sample_that_is_not_finite_or_far_too_large_prevents_a_verdict(
+    classifier, size, reason
+):
     """Such a sample made every score NaN, and the likeliest of NaN was the first class: normal."""
     verdict = diagnose(classifier, spiked(size))
     assert verdict.label is None
     assert verdict.to_dict()["no_verdict"] == verdict.no_verdict
-    assert (
-        "1e+20 m/s^2" if size == 1e20 else "1e+39" if size == 1e39 else "missing or infinite"
-    ) in verdict.no_verdict
+    assert reason in verdict.no_verdict
     assert "no verdict" in repr(verdict)
     with pytest.raises(InputError, match="no verdict to explain"):
         explain(classifier, spiked(size), verdict)
 
 
-def test_a_model_with_a_weight_that_is_nan_gives_no_verdict_and_is_neither_saved_nor_loaded(
-    classifier, tmp_path
-):
+def test_a_model_with_a_weight_of_nan_gives_no_verdict_and_is_not_saved(classifier, tmp_path):
     network = copy.deepcopy(classifier.network)
     with torch.no_grad():
         next(network.parameters()).fill_(math.nan)
@@ -308,61 +295,62 @@ def test_a_model_with_a_weight_that_is_nan_gives_no_verdict_and_is_neither_saved
         save_classifier(damaged, tmp_path / "model.safetensors")
 
 
-def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(
-    saved, tmp_path, monkeypatch
-):
-    for name, item in (("good", recording("good", "piston")), ("spiked", spiked(1e20))):
-        write_recording(item, tmp_path / f"{name}.h5")
+def test_a_missing_verdict_shows_in_text_json_page_and_exit_code(saved, tmp_path, monkeypatch):
+    for name, measured in (("good", recording("good", "piston")), ("spiked", spiked(1e20))):
+        write_recording(measured, tmp_path / f"{name}.h5")
 
-    words = ["diagnose", saved, tmp_path / "good.h5", tmp_path / "spiked.h5"]
-    good, bad = run_json(*words, "--report", tmp_path / "page", code=4)["diagnoses"]
+    command = ["diagnose", saved, tmp_path / "good.h5", tmp_path / "spiked.h5"]
+    good, bad = run_json(*command, "--report", tmp_path / "page", code=4)["diagnoses"]
 
-    assert (good["label"], bad["label"], bad["probabilities"]) == ("piston", None, {})
-
+    assert good["label"] == "piston"
+    assert bad["label"] is None
+    assert bad["probabilities"] == {}
     page = (tmp_path / "page" / "report.html").read_text()
     assert "Diagnosis of spiked" in page
     assert "<h2>No verdict</h2>" in page
 
-    text = run(*words, code=4).output
+    text = run(*command, code=4).output
     assert (
         "note: spiked: no verdict: the model's answer to 1 of 6 windows is not a finite number"
         in text
     )
 
-    run(*words[:3])
+    run(*command[:3])
     for name in ("short", "brief"):
         write_recording(recording(name, "piston", samples=79), tmp_path / f"{name}.h5")
 
-    cut = run(*words[:2], tmp_path / "short.h5", tmp_path / "brief.h5", code=4)
+    cut = run(*command[:2], tmp_path / "short.h5", tmp_path / "brief.h5", code=4)
     assert "note: in 2 recordings (short, brief): no verdict: it has 79 samples" in cut.output
 
     (tmp_path / "healthy.csv").touch()
-    assert (
-        "is not an index" in run(*words[:3], "--healthy", tmp_path / "healthy.csv", code=2).output
-    )
+    refused = run(*command[:3], "--healthy", tmp_path / "healthy.csv", code=2)
+    assert "is not an index" in refused.output
 
     def explain_late(*arguments):
         (tmp_path / "good.h5").unlink()
         return explain(*arguments)
 
     monkeypatch.setattr("swashtwin.diagnosis.explain", explain_late)
-    late = run(*words[:3], "--report", tmp_path / "page")
+    late = run(*command[:3], "--report", tmp_path / "page")
 
     assert "good.h5: the file is gone since it was loaded" in late.stderr
     assert "piston" in late.stdout
 
 
-def test_another_machine_with_the_same_file_names_is_tested_and_a_renamed_copy_is_refused(
-    classifier, saved, tmp_path
-):
-    """A recording was known by its name alone."""
+def test_recordings_are_identified_by_content_and_not_by_file_name(classifier, saved, tmp_path):
+    """A recording was once identified by its name alone."""
     for folder in ("same", "other"):
         for index, name in enumerate(("normal 0", "piston 0")):
             label = name.split()[0]
-            item = recording(name if folder == "same" else f"{name}, machine 2", label)
-            called = f"renamed {index}" if folder == "same" else name
-            write_recording(item.replace(recording_id=called), tmp_path / folder / f"{called}.h5")
+            if folder == "same":
+                measured = recording(name, label)
+                file_name = f"renamed {index}"
+            else:
+                measured = recording(f"{name}, machine 2", label)
+                file_name = name
 
+            renamed = measured.replace(recording_id=file_name)
+            write_recording(renamed, tmp_path / folder / f"{file_name}.h5")
         run("index", tmp_path / folder, "--out", tmp_path / folder / "index.toml")
 
     answer = run_json("evaluate", saved, tmp_path / "other" / "index.toml")
@@ -371,9 +359,8 @@ def test_another_machine_with_the_same_file_names_is_tested_and_a_renamed_copy_i
     refused = run("evaluate", saved, tmp_path / "same" / "index.toml", code=3)
     assert "All 2 recordings had a part in the model" in one_line(refused)
 
-    said = run_json("diagnose", saved, tmp_path / "same" / "renamed 0.h5")["diagnoses"][0]["notes"]
-    assert "under the name normal 0; the answer proves nothing" in said[0]
-    assert (
-        run_json("diagnose", saved, tmp_path / "other" / "normal 0.h5")["diagnoses"][0]["notes"]
-        == []
-    )
+    (copied,) = run_json("diagnose", saved, tmp_path / "same" / "renamed 0.h5")["diagnoses"]
+    assert "under the name normal 0; the answer proves nothing" in copied["notes"][0]
+
+    (other,) = run_json("diagnose", saved, tmp_path / "other" / "normal 0.h5")["diagnoses"]
+    assert other["notes"] == []

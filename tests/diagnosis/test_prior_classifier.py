@@ -53,9 +53,7 @@ FAULTS: dict[str, Fault | None] = {
 def recording(
     label: str, number: int = 0, *, condition: OperatingCondition = CONDITION
 ) -> Recording:
-    """What the nominal twin's sensors would read in noise, at slightly different damping from one
-    to the next.
-    """
+    """Return the nominal twin's simulation in noise, with slightly different damping each time."""
     draw = np.random.default_rng([number, *label.encode()])
     twin = Twin(load_pump("25scy14-1b"), condition, FAULTS[label], bandwidth=6000.0)
     values = twin.values.numpy() * np.exp(draw.normal(0, 0.05, 6))
@@ -80,9 +78,9 @@ def changes() -> OrderChanges:
 @cache
 def trained() -> PriorClassifier:
     prior = PumpPrior()
-    drawn = changes()
+    simulated = changes()
     speed, pressure = operating_range(prior.pump, prior)
-    arrays = (drawn.change, drawn.label, drawn.pump, drawn.scatter, drawn.drawn)
+    arrays = (simulated.change, simulated.label, simulated.pump, simulated.scatter, simulated.drawn)
     return make_prior(*arrays, pump=prior.pump, speed=speed, pressure=pressure)
 
 
@@ -95,10 +93,11 @@ def adapted() -> PriorClassifier:
     return trained().fit(healthy())
 
 
-def test_a_virtual_pump_does_not_depend_on_how_many_are_drawn() -> None:
-    alone = simulate_changes(PumpPrior(), 2, seed=3)
-    assert np.array_equal(alone.change, changes().change[: len(alone.change)])
-    assert set(alone.label.tolist()) == {
+def test_a_virtual_pump_does_not_depend_on_the_number_of_pumps() -> None:
+    few = simulate_changes(PumpPrior(), 2, seed=3)
+
+    assert np.array_equal(few.change, changes().change[: len(few.change)])
+    assert set(few.label.tolist()) == {
         "normal",
         "swash_plate",
         "piston",
@@ -108,13 +107,13 @@ def test_a_virtual_pump_does_not_depend_on_how_many_are_drawn() -> None:
     }
 
 
-def test_a_fault_changes_levels_more_than_another_healthy_recording_does() -> None:
+def test_a_fault_changes_band_powers_more_than_another_healthy_recording() -> None:
     size = np.abs(changes().change.astype(float)).mean(axis=(1, 2))
     normal = changes().label == "normal"
     assert np.median(size[~normal]) > 1.5 * np.median(size[normal])
 
 
-def test_the_shipped_prior_names_faults_that_nobody_measured() -> None:
+def test_the_shipped_prior_names_faults_without_a_measured_example() -> None:
     shipped = PriorClassifier.load("25scy14-1b").fit(healthy())
     verdicts = [shipped.diagnose(recording(label, 9)) for label in FAULTS]
 
@@ -123,7 +122,7 @@ def test_the_shipped_prior_names_faults_that_nobody_measured() -> None:
 
 
 def test_a_gain_changes_no_probability() -> None:
-    louder = trained().fit([replace(item, signal=4 * item.signal) for item in healthy()])
+    louder = trained().fit([replace(member, signal=4 * member.signal) for member in healthy()])
     test = recording("piston", 9)
 
     assert np.allclose(
@@ -134,25 +133,24 @@ def test_a_gain_changes_no_probability() -> None:
 
 
 def test_a_measured_fault_raises_the_probability_of_its_class() -> None:
-    before = adapted().predict_proba([recording("piston", 9)])[0]
-    worn = replace(recording("piston", 1), label="Verschleiß")
-    taught = trained().fit([*healthy(), worn], fault_of={"Verschleiß": "piston"})
-    after = taught.predict_proba([recording("piston", 9)])[0]
+    without_example = adapted().predict_proba([recording("piston", 9)])[0]
+    faulty = replace(recording("piston", 1), label="Verschleiß")
+    taught = trained().fit([*healthy(), faulty], fault_of={"Verschleiß": "piston"})
+    with_example = taught.predict_proba([recording("piston", 9)])[0]
     index = taught.classes.index("piston")
 
-    assert after[index] > before[index]
+    assert with_example[index] > without_example[index]
     assert taught.taught == {"piston": 1}
     assert "1 of piston" in repr(taught)
-    assert (
-        taught.evaluate([replace(recording("piston", 9), label="Verschleiß")]).classes[0].label
-        == "piston"
-    )
+
+    test = replace(recording("piston", 9), label="Verschleiß")
+    assert taught.evaluate([test]).classes[0].label == "piston"
 
 
-def test_how_much_healthy_recordings_differ_is_the_unit_of_changes() -> None:
+def test_changes_are_in_units_of_the_spread_of_healthy_recordings() -> None:
     scattered = [
-        replace(item, signal=(1 + 0.3 * number) * item.signal)
-        for number, item in enumerate(healthy())
+        replace(member, signal=(1 + 0.3 * number) * member.signal)
+        for number, member in enumerate(healthy())
     ]
     moving = trained().fit(scattered)
     still = adapted()
@@ -166,27 +164,28 @@ def test_how_much_healthy_recordings_differ_is_the_unit_of_changes() -> None:
     assert len(trained().fit(healthy(1)).healthy_changes()) == 0
 
 
-def test_a_floor_that_rises_alone_decides_nothing() -> None:
+def test_a_risen_noise_floor_alone_names_no_fault() -> None:
     rng = np.random.default_rng(1)
-    item = recording("normal", 9)
-    hiss = rng.normal(0, 0.4, item.signal.shape).astype(np.float32)
-    verdict = adapted().diagnose(replace(item, signal=item.signal + hiss))
+    member = recording("normal", 9)
+    hiss = rng.normal(0, 0.4, member.signal.shape).astype(np.float32)
+    verdict = adapted().diagnose(replace(member, signal=member.signal + hiss))
 
     assert verdict.verdict in ("unknown", "normal")
 
 
-def test_a_single_sensor_and_another_number_of_pistons_serve() -> None:
-    def first(item: Recording) -> Recording:
-        return replace(item, channels=item.channels[:1], signal=item.signal[:1])
+def test_a_single_sensor_and_another_number_of_pistons_are_enough() -> None:
+    def first(member: Recording) -> Recording:
+        return replace(member, channels=member.channels[:1], signal=member.signal[:1])
 
-    one = trained().fit([first(item) for item in healthy()])
-    assert one.diagnose(first(recording("normal", 9))).label == "normal"
+    single_sensor = trained().fit([first(member) for member in healthy()])
+    assert single_sensor.diagnose(first(recording("normal", 9))).label == "normal"
 
     nine = trained().fit(healthy(), pistons=9)
-    assert (nine.n_pumps, nine.bands.piston_count) == (30, 9)
+    assert nine.n_pumps == 30
+    assert nine.bands.piston_count == 9
 
 
-def test_a_recording_without_a_machine_is_taken_for_the_only_one() -> None:
+def test_a_recording_without_a_machine_is_assigned_to_the_only_one() -> None:
     verdict = adapted().diagnose(changed(specimen=None))
     assert verdict.label is not None
     assert "does not specify its machine; A" in verdict.notes[0]
@@ -197,28 +196,26 @@ def test_an_adapted_classifier_is_not_adapted_again() -> None:
         adapted().fit(healthy())
 
 
-def test_healthy_recordings_of_another_machine_teach_nothing() -> None:
-    other = [
-        replace(item, specimen="B", recording_id=f"B {item.recording_id}") for item in healthy(1)
-    ]
+def test_healthy_recordings_of_another_machine_are_not_compared() -> None:
+    (first,) = healthy(1)
+    of_other_machine = replace(first, specimen="B", recording_id=f"B {first.recording_id}")
 
-    assert len(trained().fit([*healthy(1), *other]).healthy_changes()) == 0
+    assert len(trained().fit([first, of_other_machine]).healthy_changes()) == 0
 
 
 def test_an_evaluation_counts_alarms_and_names_by_class() -> None:
-    sound, worn = adapted().evaluate([recording("normal", 8), recording("piston", 9)]).classes
-    assert (sound.label, sound.n_recordings, worn.n_alarms, worn.n_correct, worn.auroc) == (
-        "normal",
-        1,
-        1,
-        1,
-        1.0,
-    )
+    sound, faulty = adapted().evaluate([recording("normal", 8), recording("piston", 9)]).classes
+
+    assert sound.label == "normal"
+    assert sound.n_recordings == 1
+    assert faulty.n_alarms == 1
+    assert faulty.n_correct == 1
+    assert faulty.auroc == 1.0
     with pytest.raises(LeakError, match="normal 0 and 2 more had a part in the model"):
         adapted().evaluate(healthy())
 
 
-def test_what_adapted_it_is_told_when_it_is_diagnosed() -> None:
+def test_a_diagnosis_of_a_baseline_recording_has_a_note() -> None:
     assert "proves nothing" in adapted().diagnose(healthy()[0]).notes[0]
 
 
@@ -253,7 +250,7 @@ def changed(**values: object) -> Recording:
         (recording("normal", 9).slice(0, 4096), "lasts 0.25 s"),
     ],
 )
-def test_what_cannot_be_compared_has_no_verdict(test: Recording, message: str) -> None:
+def test_a_recording_that_cannot_be_compared_has_no_verdict(test: Recording, message: str) -> None:
     verdict = adapted().diagnose(test)
     assert verdict.label is None
     assert message in str(verdict.no_verdict)
@@ -269,7 +266,7 @@ def test_what_cannot_be_compared_has_no_verdict(test: Recording, message: str) -
         ),
     ],
 )
-def test_recordings_that_cannot_adapt_it_are_refused(
+def test_unsuitable_baseline_recordings_are_refused(
     recordings: Sequence[Recording], message: str
 ) -> None:
     with pytest.raises(DataError, match=message):
@@ -282,7 +279,7 @@ def test_another_design_is_refused_and_the_shipped_prior_is_at_most_8_megabytes(
     assert all(path.stat().st_size <= 8_000_000 for path in SHIPPED.glob("*.safetensors"))
 
 
-def test_a_speed_that_no_healthy_recording_has_is_told() -> None:
+def test_a_speed_without_a_healthy_recording_has_a_note() -> None:
     verdict = adapted().diagnose(
         recording("normal", 9, condition=CONDITION.replace(speed=rpm(1150)))
     )
@@ -290,12 +287,13 @@ def test_a_speed_that_no_healthy_recording_has_is_told() -> None:
     assert "at another speed;" in verdict.notes[0]
 
 
-def test_a_saved_one_answers_alike(tmp_path: Path) -> None:
-    again = PriorClassifier.load(adapted().save(tmp_path / "model.safetensors"))
+def test_a_loaded_classifier_answers_as_the_saved_one(tmp_path: Path) -> None:
+    loaded = PriorClassifier.load(adapted().save(tmp_path / "model.safetensors"))
     test = [recording("piston", 9)]
 
-    assert np.allclose(again.predict_proba(test), adapted().predict_proba(test), atol=1e-3)
-    assert again.manifest == adapted().manifest
+    # the file holds single precision
+    assert np.allclose(loaded.predict_proba(test), adapted().predict_proba(test), atol=1e-3)
+    assert loaded.manifest == adapted().manifest
 
 
 def test_a_network_that_does_not_fit_is_refused(tmp_path: Path) -> None:
@@ -314,26 +312,24 @@ def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) 
     items = [*healthy(2), recording("piston", 9)]
     files = [f"{number}.h5" for number in range(len(items))]
 
-    for item, file in zip(items, files, strict=True):
-        write_recording(item, folder / file)
+    for member, file in zip(items, files, strict=True):
+        write_recording(member, folder / file)
 
     write_index(items[:2], files[:2], folder / "recordings.toml")
     model = tmp_path / "model.safetensors"
     trained_by = run("model", "adapt", "25scy14-1b", folder, "--out", model, "--json")
 
     assert json.loads(trained_by.stdout)["healthy"] == 2
-    assert (
-        "adapt it to healthy recordings"
-        in run("diagnose", "25scy14-1b", folder / "2.h5", code=3).stderr
-    )
 
+    refused = run("diagnose", "25scy14-1b", folder / "2.h5", code=3)
+    assert "adapt it to healthy recordings" in refused.stderr
     result = run("diagnose", model, folder / "2.h5", "--json")
     (verdict,) = json.loads(result.stdout)["diagnoses"]
 
     assert verdict["label"] == "piston"
 
 
-def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:
+def test_the_command_twin_prior_writes_a_prior(tmp_path: Path) -> None:
     out = tmp_path / "prior.safetensors"
     result = run("twin", "prior", "--out", out, "--count", "10", "--json")
 
@@ -344,16 +340,17 @@ def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:
     assert "the prior stands first" in " ".join(refused.stderr.split())
 
 
-def heard() -> list[Recording]:
+def training_recordings() -> list[Recording]:
     """Recordings of a training without a worn piston."""
-    faulty = [
-        recording(name, number) for name in ("cylinder_block", "valve_plate") for number in range(6)
-    ]
-    return [*healthy(6), *faulty]
+    recordings = healthy(6)
+    for label in ("cylinder_block", "valve_plate"):
+        recordings.extend(recording(label, number) for number in range(6))
+
+    return recordings
 
 
 def informed(**settings: Any) -> FaultClassifier:
-    """A classifier that asks the prior of what it was not trained on."""
+    """Return a classifier that uses the prior for faults that it was not trained on."""
     settings = {
         "prior": trained(),
         "validation_fraction": 0.4,
@@ -367,10 +364,10 @@ def informed(**settings: Any) -> FaultClassifier:
 
 @cache
 def without_pistons() -> FaultClassifier:
-    return informed().fit(heard())
+    return informed().fit(training_recordings())
 
 
-def test_a_fault_that_was_never_trained_is_unknown_and_named(tmp_path: Path) -> None:
+def test_an_untrained_fault_is_unknown_and_named(tmp_path: Path) -> None:
     classifier = without_pistons()
     assert classifier.resemblance_ is not None
     assert classifier.resemblance_.classes == ("swash_plate", "piston")
@@ -383,11 +380,11 @@ def test_a_fault_that_was_never_trained_is_unknown_and_named(tmp_path: Path) -> 
     assert "resembles piston, which was not trained" in answer.sentence()
     assert answer.to_dict() == classifier.diagnose(new).to_dict()
 
-    known = loaded.diagnose(recording("cylinder_block", 20))
-    assert not any("resembles" in reason for reason in known.reasons)
+    trained_class = loaded.diagnose(recording("cylinder_block", 20))
+    assert not any("resembles" in reason for reason in trained_class.reasons)
 
 
-def test_a_machine_that_the_prior_never_heard_is_compared_with_its_own_healthy_recordings() -> None:
+def test_a_new_machine_is_compared_with_its_baseline() -> None:
     classifier = without_pistons()
     resemblance = classifier.resemblance_
 
@@ -396,52 +393,50 @@ def test_a_machine_that_the_prior_never_heard_is_compared_with_its_own_healthy_r
     answer = classifier.diagnose(recording("piston", 20))
     new = replace(recording("piston", 21), specimen="B")
 
-    assert (
-        "was not asked for faults that were not trained"
-        in resemblance.extend_diagnosis(answer, new).notes[-1]
-    )
+    without_baseline = resemblance.extend_diagnosis(answer, new)
+    assert "was not asked for faults that were not trained" in without_baseline.notes[-1]
 
-    told = resemblance.with_healthy([replace(item, specimen="B") for item in healthy()])
-    assert "resembles piston" in told.extend_diagnosis(answer, new).reasons[0]
+    adapted = resemblance.with_healthy([replace(member, specimen="B") for member in healthy()])
+    assert "resembles piston" in adapted.extend_diagnosis(answer, new).reasons[0]
 
     doubtful = replace(answer, unknown=False, p_value=0.6, prediction_set=("normal", "valve_plate"))
-    near = told.extend_diagnosis(doubtful, new)
+    extended = adapted.extend_diagnosis(doubtful, new)
 
-    assert near.is_prior_unknown
-    assert near.sentence().startswith("Unknown: It resembles piston, which was not trained")
+    assert extended.is_prior_unknown
+    assert extended.sentence().startswith("Unknown: It resembles piston, which was not trained")
 
     label = str(answer.label)
     sure = replace(doubtful, prediction_set=(label,), probabilities={label: 0.9})
 
-    assert not told.extend_diagnosis(sure, new).unknown  # a classifier that is sure is believed
+    # a single label in the prediction set outweighs the prior
+    assert not adapted.extend_diagnosis(sure, new).unknown
+
     with pytest.raises(DataError, match="is not healthy"):
         resemblance.with_healthy([new])
 
 
-def test_a_prior_without_a_use_is_refused_or_said() -> None:
+def test_a_prior_that_cannot_be_used_is_refused_or_reported() -> None:
     pistons = [recording("piston", number) for number in range(12)]
     everything = [
-        *heard(),
+        *training_recordings(),
         *pistons[:6],
-        *(replace(item, label="swash_plate") for item in pistons[6:]),
+        *(replace(member, label="swash_plate") for member in pistons[6:]),
     ]
+    valve_plates = [recording("valve_plate", number) for number in range(6)]
     few = informed(validation_fraction=0.0, error_rate=None)
 
-    assert any("needs 9" in note for note in few.fit([*healthy(2), *heard()[6:9]]).notes_)
+    assert any(
+        "needs 9" in note for note in few.fit([*healthy(2), *training_recordings()[6:9]]).notes_
+    )
     with pytest.raises(
         InputError, match=r"does not know the class 'riss', .* fault_of='riss=piston'"
     ):
-        few.fit(
-            [
-                replace(item, label="riss") if item.label == "valve_plate" else item
-                for item in heard()
-            ]
-        )
+        few.fit([*healthy(6), *(replace(member, label="riss") for member in valve_plates)])
 
     with pytest.raises(InputError, match="needs recordings"):
         few.fit(np.zeros((4, 1, 64)), ["a", "a", "b", "b"])
     assert few.fit(everything).resemblance_ is None
 
-    without = few.fit(heard())
+    without = few.fit(training_recordings())
     assert without.resemblance_ is None
     assert any("pump prior was left out" in note for note in without.notes_)

@@ -1,6 +1,4 @@
-"""A pump's equations: chambers, films, loads, faults, dynamics, solvers, and the twin made of
-them.
-"""
+"""A pump's equations (chambers, films, loads, faults, dynamics), their solvers, and the twin."""
 
 import lazy_loader
 

@@ -246,7 +246,7 @@ def fault_forces(
     frequency: Frequency,
     lines: Lines,
 ) -> Complex[Tensor, "*fault line 13"]:
-    """Return the force lines [N, N m] of a fault with displacement `lines` at `frequency` [rad/s]."""
+    """Return the force lines [N, N m] of a fault with displacement `lines` at a `frequency`."""
     action = fault_action(fault, pump, structure, topology, frequency, lines)
     action = action.mapped(lambda part: cast_like(part, values))
     slipper_vector = cast_like(structure.slipper_vector, values)
@@ -257,36 +257,43 @@ def fault_forces(
 def turning_terms(
     fault: Fault | None, pump: Pump, values: Float[Tensor, "*batch 6"]
 ) -> list[PeriodicTerm]:
-    """Parts of K that a fault lets turn with the shaft; none, unless registered otherwise."""
+    """Return the parts of K that a fault lets turn with the shaft: by default none.
+
+    A new fault with such parts registers a function here.
+    """
     return []
 
 
 @turning_terms.register(TiltedBlockFace)
 def _(fault: TiltedBlockFace, pump: Pump, values: Float[Tensor, "*batch 6"]) -> list[PeriodicTerm]:
     axial, tilt = values.new_zeros(2, N_DOF, dtype=values.dtype.to_complex())
-    axial[Dof.ROTOR_Z], axial[Dof.SHELL_Z] = 1, -1
-    tilt[Dof.ROTOR_TILT_X], tilt[Dof.SHELL_TILT_X] = 1, -1
-    tilt[Dof.ROTOR_TILT_Y], tilt[Dof.SHELL_TILT_Y] = (
-        1j,
-        -1j,
-    )  # Re((a + i b) exp(i wt)) = a cos wt - b sin wt
+    axial[Dof.ROTOR_Z] = 1
+    axial[Dof.SHELL_Z] = -1
+    # Re((a + i b) exp(i w t)) = a cos w t - b sin w t (docs/explanation/physics.md, section 5).
+    tilt[Dof.ROTOR_TILT_X] = 1
+    tilt[Dof.SHELL_TILT_X] = -1
+    tilt[Dof.ROTOR_TILT_Y] = 1j
+    tilt[Dof.SHELL_TILT_Y] = -1j
     pair = torch.outer(axial, tilt) + torch.outer(tilt, axial)
-    scale = (
-        values[..., Value.BLOCK_VALVE_STIFFNESS, None, None]
-        * fault.variation
-        * pump.valve_plate.film_radius
-        / 2
-    )
+
+    stiffness = values[..., Value.BLOCK_VALVE_STIFFNESS, None, None]
+    scale = stiffness * fault.variation * pump.valve_plate.film_radius / 2
     return [PeriodicTerm(1, scale * pair)]
+
+
+NEGLIGIBLE_SHARE = 1e-7
+"""Line over the largest one below which it is rounding: the pressures of equal pistons leave it."""
 
 
 def active_orders(
     pressure: Complex[np.ndarray, "line 13"], lines: Complex[np.ndarray, " line"]
 ) -> Int[np.ndarray, " active"]:
-    """Orders from 1 at which pressures or fault excite anything.
+    """Return the orders from 1 that pressures or a fault excite.
 
-    A pump with equal pistons and a swash plate defect answers at multiples of the piston count only
-    (and at 1, from unbalance); leaving the others out makes a steady state several times cheaper.
+    A pump with equal pistons and a swash plate defect responds only at multiples of the piston
+    count (and at 1, from unbalance); without the others a steady state is several times cheaper.
     """
-    push, motion = np.abs(pressure[1:]).max(axis=1), np.abs(lines[1:])
-    return 1 + np.flatnonzero((push > 1e-7 * push.max()) | (motion > 1e-7 * motion.max()))
+    load = np.abs(pressure[1:]).max(axis=1)
+    motion = np.abs(lines[1:])
+    is_active = (load > NEGLIGIBLE_SHARE * load.max()) | (motion > NEGLIGIBLE_SHARE * motion.max())
+    return 1 + np.flatnonzero(is_active)

@@ -65,7 +65,7 @@ class ChamberPressures:
     """Pressures over one revolution, once they repeat."""
 
     angle: Float[np.ndarray, " step"]
-    """Shaft angle [rad] of each step, 0 at top dead center of piston 0: a uniform grid up to 2 pi."""
+    """Shaft angle [rad] of each step, 0 at top dead center of piston 0: uniform, up to 2 pi."""
     chamber: Float[np.ndarray, "piston step"]
     """Pressure in each chamber [Pa]."""
     discharge: Float[np.ndarray, " step"]

@@ -1,6 +1,4 @@
-"""A pump, under a condition, with a fault: what its accelerometers would read, and which numbers
-that depends on.
-"""
+"""Twin of a pump with a fault: the readings of its accelerometers, and their sensitivities."""
 
 import math
 from collections.abc import Iterator
@@ -39,16 +37,16 @@ from swashtwin.recordings import Recording, join_blocks
 from swashtwin.signals import synchronous_signal
 
 BLOCK_SAMPLES = 65536
-"""Readings that are computed at a time."""
+"""Samples that are computed at a time."""
 
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """Model of one pump at one operating condition.
+    """Model of one pump at one operating condition, linear and in steady state.
 
-    In steady state and linear: acceleration at the multiples of the shaft frequency up to
-    `bandwidth`. A defect with half-sine edges excites all of them, so a level means little without
-    the band it was taken in. `notes` says where a linear twin leaves its range.
+    It computes the acceleration at the multiples of the shaft frequency up to `bandwidth`. A defect
+    with half-sine edges excites all of them, so a level depends on the band. `notes` reports how a
+    twin leaves the range of the linear model.
     """
 
     pump: Pump
@@ -64,13 +62,15 @@ class Twin:
     scales: Scales = UNSCALED
     """Factors on mounting, bearings, excitation and sensors."""
     path: SensorPath | None = None
-    """What stands between the rigid shell and the sensors; None is nothing."""
+    """Modes and gains between the rigid shell and the sensors; None for a rigid path."""
 
     def __post_init__(self) -> None:
-        if self.bandwidth < self.pump.rotating_group.piston_count * self.condition.shaft_frequency:
+        piston_pass = self.pump.rotating_group.piston_count * self.condition.shaft_frequency
+        # Below it a pump with equal pistons has no line but that of its unbalance.
+        if self.bandwidth < piston_pass:
             raise InputError(
                 f"bandwidth ({self.bandwidth:g} Hz) lies below the piston-pass frequency "
-                f"({self.pump.rotating_group.piston_count * self.condition.shaft_frequency:.1f} Hz)."
+                f"({piston_pass:.1f} Hz); raise it."
             )
 
     @property
@@ -95,55 +95,57 @@ class Twin:
 
     @cached_property
     def drive(self) -> Drive:
-        """What excites the twin at any interface values; computed once."""
+        """Excitation of the twin, the same for all interface values; computed once."""
         return drive_of(
             self.pump, self.condition, self.fault, self.topology, self.path, self.n_lines
         )
 
     @property
     def orders(self) -> Int[np.ndarray, " line"]:
-        """Shaft orders at which there is anything to compute (`fault_forcing.active_orders`)."""
+        """Shaft orders that anything excites (`fault_forcing.active_orders`)."""
         return self.drive.orders
 
     def notes(self) -> tuple[str, ...]:
-        """What a user should know of where this twin's range ends, in sentences; empty where there
-        is nothing.
-        """
+        """Return the ways in which this twin leaves the model's range, as sentences."""
+        recess = find_recess(self.fault)
+        if recess is None:
+            return ()
+
         notes = []
-        slipper, recess = self.pump.rotating_group.slipper_diameter, find_recess(self.fault)
-        if recess is not None and recess.effective_depth(slipper) != recess.depth:
-            size = f"{recess.length * 1e3:.4g} mm x {recess.width * 1e3:.4g} mm"
+        slipper = self.pump.rotating_group.slipper_diameter
+        effective_depth = recess.effective_depth(slipper)
+        if effective_depth != recess.depth:
             notes.append(
-                f"The defect ({size}) is smaller than a slipper ({slipper * 1e3:.4g} mm), which bridges it: its depth "
-                f"of {recess.depth * 1e3:.4g} mm counts as {recess.effective_depth(slipper) * 1e3:.4g} mm. The "
-                "paper has no such defect; this is an extrapolation of ours."
+                f"The defect ({recess.length * 1e3:.4g} mm x {recess.width * 1e3:.4g} mm) is "
+                f"smaller than a slipper ({slipper * 1e3:.4g} mm), which bridges it: its depth of "
+                f"{recess.depth * 1e3:.4g} mm counts as {effective_depth * 1e3:.4g} mm. The paper "
+                "has no such defect; this is our extrapolation."
             )
-        if recess is not None and recess.strains_films:
+        if recess.strains_films:
             notes.append(
-                f"In a recess {recess.depth * 1e3:.4g} mm deep by contact={recess.contact} films are strained: from "
-                "some hundredths of a millimeter on the linear twin pulls at its slippers, which no film can. By "
-                "contact=lift_off slippers may leave the plate."
+                f"In a recess {recess.depth * 1e3:.4g} mm deep with contact={recess.contact} films "
+                "are strained: from some hundredths of a millimeter on the linear twin pulls at "
+                "its slippers, which no film can. With contact=lift_off slippers may leave the "
+                "plate."
             )
         return tuple(notes)
 
     def at(self, condition: OperatingCondition) -> "Twin":
-        """The same pump and fault at another condition, which makes an extrapolation visible where
-        it is made.
-        """
+        """Return the twin at another condition: an extrapolation from where it was calibrated."""
         return replace(self, condition=condition)
 
     def with_fault(self, fault: Fault | None) -> "Twin":
-        """The same pump with another fault."""
+        """Return the twin with another fault."""
         return replace(self, fault=fault)
 
     def with_interfaces(self, interfaces: Interfaces, scales: Scales | None = None) -> "Twin":
-        """The same pump with other interface values and `scales`; the pressures do not depend on
-        them and are kept.
-        """
-        other = replace(self, interfaces=interfaces, scales=scales or self.scales)
+        """Return the twin with other interface values, and other `scales` if given."""
+        twin = replace(self, interfaces=interfaces, scales=scales or self.scales)
+        # The drive depends on neither, and its pressures are expensive: it is handed on in the
+        # place in which cached_property stores it.
         if "drive" in self.__dict__:
-            other.__dict__["drive"] = self.drive  # where cached_property keeps it
-        return other
+            twin.__dict__["drive"] = self.drive
+        return twin
 
     def acceleration(
         self,
@@ -152,15 +154,16 @@ class Twin:
         scales: Float[Tensor, "*batch 11"] | None = None,
         solver: SteadySolver | None = None,
     ) -> Complex[Tensor, "*batch sensor line"]:
-        """Lines of acceleration [m/s^2] at `orders` read by each sensor, differentiable with
-        respect to `values`.
+        """Return the lines of acceleration [m/s^2] at `orders`, read by each sensor.
+
+        Differentiable with respect to `values` and `scales`.
 
         Parameters
         ----------
-        values : interface values in the order of `pump.PARAMETERS`; None takes the twin's own.
-            Their device and their precision are those of the whole computation; in single precision
-            lines are off by up to 1e-4 of the largest one, and gradients by up to 1e-3.
-        scales : factors in the order of `Scales`; None takes the twin's own.
+        values : interface values in the order of `pump.PARAMETERS`; by default the twin's. Their
+            device and precision are those of the whole computation; in single precision lines are
+            off by up to 1e-4 of the largest one, and gradients by up to 1e-3.
+        scales : factors in the order of `Scales`; by default the twin's.
         solver : `HarmonicBalance` by default, `RK4` for the paper's.
 
         Raises
@@ -168,15 +171,17 @@ class Twin:
         InputError
             A value or a scale is not positive.
         """
-        values = self.values if values is None else values
-        scales = values.new_tensor(self.scales.values()) if scales is None else scales
+        if values is None:
+            values = self.values
+        if scales is None:
+            scales = values.new_tensor(self.scales.values())
         require_positive(values, scales)
+
         batch = np.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
-        rows, factors = (
-            values.expand(*batch, 6).reshape(-1, 6),
-            scales.expand(*batch, -1).reshape(-1, scales.shape[-1]),
-        )
-        lines = respond(self.drive.to(values), rows, factors, solver or HarmonicBalance())
+        value_rows = values.expand(*batch, 6).reshape(-1, 6)
+        scale_rows = scales.expand(*batch, -1).reshape(-1, scales.shape[-1])
+        drive = self.drive.to(values)
+        lines = respond(drive, value_rows, scale_rows, solver or HarmonicBalance())
         return lines.reshape(*batch, *lines.shape[1:])
 
     def simulate(
@@ -188,7 +193,7 @@ class Twin:
         phase: float = 0.0,
         recording_id: str = "simulated",
     ) -> Recording:
-        """Steady acceleration as a synthetic recording.
+        """Return the steady acceleration as a synthetic recording.
 
         Parameters
         ----------
@@ -199,13 +204,12 @@ class Twin:
         Raises
         ------
         InputError
-            The sample rate is below twice the bandwidth, or there is no sample.
+            The sample rate is below twice the bandwidth, or the duration holds no sample.
         """
-        return join_blocks(
-            self.blocks(
-                duration, sample_rate, solver=solver, phase=phase, recording_id=recording_id
-            )
+        blocks = self.blocks(
+            duration, sample_rate, solver=solver, phase=phase, recording_id=recording_id
         )
+        return join_blocks(blocks)
 
     def blocks(
         self,
@@ -216,26 +220,28 @@ class Twin:
         phase: float = 0.0,
         recording_id: str = "simulated",
     ) -> Iterator[Recording]:
-        """The recording of `simulate` in blocks, so that memory does not grow with its length."""
+        """Yield the recording of `simulate` in blocks, whose memory does not grow with its length.
+
+        See `simulate` for the parameters and errors.
+        """
         if sample_rate < 2 * self.bandwidth:
             raise InputError(
-                f"sample_rate ({sample_rate:g} Hz) is below twice the twin's bandwidth ({self.bandwidth:g} Hz); "
-                f"raise it, or use a twin with a bandwidth of {sample_rate / 2:g}."
+                f"sample_rate ({sample_rate:g} Hz) is below twice the twin's bandwidth "
+                f"({self.bandwidth:g} Hz); raise it, or use a twin with a bandwidth of "
+                f"{sample_rate / 2:g}."
             )
+
         n_samples = round(duration * sample_rate)
         if n_samples < 1:
             raise InputError(
                 f"duration ({duration:g} s) must hold at least one sample at {sample_rate:g} Hz."
             )
+
         with torch.no_grad():
             lines = self.acceleration(solver=solver).numpy()
-        for first in range(0, n_samples, BLOCK_SAMPLES):
-            angle = (
-                phase
-                + self.condition.speed
-                * np.arange(first, min(first + BLOCK_SAMPLES, n_samples))
-                / sample_rate
-            )
+        for start in range(0, n_samples, BLOCK_SAMPLES):
+            sample = np.arange(start, min(start + BLOCK_SAMPLES, n_samples))
+            angle = phase + self.condition.speed * sample / sample_rate
             yield Recording(
                 signal=synchronous_signal(lines, self.orders, angle),
                 sample_rate=sample_rate,
@@ -248,48 +254,47 @@ class Twin:
             )
 
 
-SHARE = 0.05
-"""Relative change of a number."""
-ANGLE = math.radians(2)
-"""Change of an angle at which a kidney opens or closes [rad]: 5 % of one would be another valve
-plate.
-"""
-TEMPERATURE = 5.0
-"""Change of a temperature [K]."""
+RELATIVE_STEP = 0.05
+"""Relative change of a number in `sensitivities`."""
+
+ANGLE_STEP = math.radians(2)
+"""Change of the edge of a kidney [rad]: 5 % of its angle would be another valve plate."""
+
+TEMPERATURE_STEP = 5.0
+"""Change of a temperature [K]: 5 % of an absolute temperature would be some 16 K."""
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What a number of a pump does to the vibration."""
+    """Effect of one of a pump's numbers on the vibration."""
 
     path: str
     """Path of the number, such as ``masses.shell``."""
     step: str
-    """By how much it was changed, in words."""
+    """Change of the number, such as ``+5%``."""
     effect: float
-    """Norm of the change of all line amplitudes over the norm of the amplitudes, all sensors
-    together.
-    """
+    """Norm of the change of all line amplitudes of all sensors, over the norm of these."""
 
 
 def sensitivities(twin: Twin) -> tuple[Sensitivity, ...]:
-    """Effect of each number of the twin's pump on its lines, the largest first.
+    """Return the effect of each number of the twin's pump on its lines, the largest first.
 
-    Each number is changed alone, by 5 % (a kidney's edge by 2 degrees, a temperature by 5 K), up
-    or, where the pump could not be built so, down. It is the effect on this twin's amplitudes below
-    its bandwidth, not on the phases.
+    Each number is changed alone, by 5 % (a kidney's edge by 2 degrees, a temperature by 5 K). It is
+    raised, or lowered if a pump with the raised number could not be built. Effects are those on
+    this twin's amplitudes below its bandwidth, not on the phases.
     """
-    before = _amplitudes(twin)
+    amplitudes = _amplitudes(twin)
     effects = []
     for path, value, unit in pump_numbers(twin.pump):
+        # The count is not continuous, and ratings do not enter the equations.
         if path == "rotating_group.piston_count" or path.startswith("rated."):
             continue
-        pump, step = _changed(twin.pump, path, value, unit)
-        after = _amplitudes(Twin(pump, twin.condition, twin.fault, bandwidth=twin.bandwidth))
-        effects.append(
-            Sensitivity(path, step, float(np.linalg.norm(after - before) / np.linalg.norm(before)))
-        )
-    return tuple(sorted(effects, key=lambda entry: -entry.effect))
+
+        pump, step = _change_number(twin.pump, path, value, unit)
+        changed_twin = Twin(pump, twin.condition, twin.fault, bandwidth=twin.bandwidth)
+        change = np.linalg.norm(_amplitudes(changed_twin) - amplitudes)
+        effects.append(Sensitivity(path, step, float(change / np.linalg.norm(amplitudes))))
+    return tuple(sorted(effects, key=lambda sensitivity: -sensitivity.effect))
 
 
 def _amplitudes(twin: Twin) -> np.ndarray:
@@ -297,22 +302,30 @@ def _amplitudes(twin: Twin) -> np.ndarray:
         return np.abs(twin.acceleration().numpy())
 
 
-def _changed(pump: Pump, path: str, value: Any, unit: str) -> tuple[Pump, str]:
-    """The pump with one number changed, and by how much."""
-    if path.startswith("valve_plate.") and path.endswith(("_open", "_close")):
-        steps = [
-            (value + sign * ANGLE, f"{'+' if sign > 0 else '-'}{format_quantity(ANGLE, 'rad')}")
-            for sign in (1, -1)
-        ]
-    elif unit == "K":
-        steps = [(value + TEMPERATURE, f"+{TEMPERATURE:g} K")]
-    else:
-        factors = (1 + SHARE, 1 - SHARE)
-        changed = [
-            tuple(n * f for n in value) if isinstance(value, tuple) else value * f for f in factors
-        ]
-        steps = list(zip(changed, (f"{SHARE:+.0%}", f"{-SHARE:+.0%}"), strict=True))
+def _change_number(pump: Pump, path: str, value: Any, unit: str) -> tuple[Pump, str]:
+    """Return the pump with one number changed, and the change as text."""
+    raised, lowered = _changed_values(path, value, unit)
     try:
-        return replace_number(pump, path, steps[0][0]), steps[0][1]
+        return replace_number(pump, path, raised[0]), raised[1]
     except InputError:
-        return replace_number(pump, path, steps[-1][0]), steps[-1][1]
+        return replace_number(pump, path, lowered[0]), lowered[1]
+
+
+def _changed_values(path: str, value: Any, unit: str) -> list[tuple[Any, str]]:
+    """Return the raised and the lowered value of a number, each with the change as text."""
+    is_edge = path.startswith("valve_plate.") and path.endswith(("_open", "_close"))
+    changed: list[tuple[Any, str]] = []
+    for sign, symbol in ((1, "+"), (-1, "-")):
+        factor = 1 + sign * RELATIVE_STEP
+        if is_edge:
+            angle_text = format_quantity(ANGLE_STEP, "rad")
+            changed.append((value + sign * ANGLE_STEP, f"{symbol}{angle_text}"))
+        elif unit == "K":
+            changed.append((value + sign * TEMPERATURE_STEP, f"{symbol}{TEMPERATURE_STEP:g} K"))
+        elif isinstance(value, tuple):
+            changed.append(
+                (tuple(number * factor for number in value), f"{symbol}{RELATIVE_STEP:.0%}")
+            )
+        else:
+            changed.append((value * factor, f"{symbol}{RELATIVE_STEP:.0%}"))
+    return changed

@@ -41,7 +41,7 @@ from swashtwin.pump import PARAMETERS, Fault, OperatingCondition, Pump
 
 @dataclass(frozen=True)
 class Scales:
-    """Factors on constants that nobody measured; 1 where the pump file is right."""
+    """Factors on constants of the pump file that nobody measured."""
 
     mount: float = 1.0
     """On the mounting's stiffness."""
@@ -52,7 +52,7 @@ class Scales:
     sensor: float = 1.0
     """On what the sensors read."""
     mount_x: float = 1.0
-    """On the mounting's stiffness along x, beside `mount`."""
+    """On the mounting's stiffness along x, in addition to `mount`."""
     mount_y: float = 1.0
     """The same along y."""
     mount_z: float = 1.0
@@ -60,7 +60,7 @@ class Scales:
     mount_tilt: float = 1.0
     """The same in tilt about x and y."""
     bearing_1: float = 1.0
-    """On the stiffness of the first bearing, beside `bearing`."""
+    """On the stiffness of the first bearing, in addition to `bearing`."""
     bearing_2: float = 1.0
     """The same of the second."""
     bearing_3: float = 1.0
@@ -68,13 +68,13 @@ class Scales:
 
     def values(self) -> tuple[float, ...]:
         """Return the factors in the order of the fields."""
-        return tuple(getattr(self, item.name) for item in fields(self))
+        return tuple(getattr(self, scale.name) for scale in fields(self))
 
 
 UNSCALED = Scales()
 """All constants as the pump file says."""
 SUPPORTS = slice(4, None)
-"""Where the factors on the parts of mounting and bearings stand among those of `Scales`."""
+"""Indices in `Scales` of the factors on the parts of mounting and bearings."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,8 @@ class SensorPath:
 
         if self.cross_talk and [len(row) for row in self.cross_talk] != [n_channels] * n_channels:
             raise InputError(
-                f"cross_talk of a path of {n_channels} channels needs a share for each pair of them."
+                f"cross_talk of a path of {n_channels} channels needs a share for each pair of "
+                "channels."
             )
         if any(value <= 0 for value in (*self.gain, *self.frequency, *self.damping_ratio)):
             raise InputError(
@@ -143,17 +144,16 @@ def path_response(
     damping_ratio: Float[Tensor, "*#batch mode"],
     residue: Float[Tensor, "*#batch channel mode"],
 ) -> Complex[Tensor, "*#batch channel line"]:
-    """H_c at `frequency` [Hz], differentiable with respect to everything; see `SensorPath`."""
-    f, mode = frequency[..., None, :], modes[..., :, None]
-    light = f**2 / torch.complex(mode**2 - f**2, 2 * damping_ratio[..., :, None] * mode * f)
-    bending = residue.to(light.dtype) @ light
+    """Return H_c at `frequency` [Hz], differentiable in every argument; see `SensorPath`."""
+    f = frequency[..., None, :]
+    mode = modes[..., :, None]
+    mode_response = f**2 / torch.complex(mode**2 - f**2, 2 * damping_ratio[..., :, None] * mode * f)
+    bending = residue.to(mode_response.dtype) @ mode_response
     return gain[..., None] * (1 + bending)
 
 
 WORKSPACE = 64 * 2**20
-"""Bytes that one chunk may take, its gradient included; larger batches are computed chunk by
-chunk.
-"""
+"""Memory of a chunk [bytes], its gradient included; larger batches are split into chunks."""
 
 # Bytes that one line of one row takes: a dozen complex vectors.
 _LINE_BYTES = 12 * N_DOF * 16
@@ -294,18 +294,18 @@ def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -
     frequency = drive.frequency if len(drive.wear) > 1 else drive.frequency[0]
     mount, bearing, excitation, sensor, *_ = scales.unbind(-1)
 
-    worn = values * drive.wear
+    worn_values = values * drive.wear
     force = drive.pressure
     if drive.action.strains or drive.action.pushes:
-        force = force + drive.action.forces(worn, structure.slipper_vector, excitation)
+        force = force + drive.action.forces(worn_values, structure.slipper_vector, excitation)
     force = force.expand(len(values), -1, -1)
-    stiffness = structure.stiffness(worn, mount, bearing, scales[..., SUPPORTS])
-    damping = structure.damping(worn)
+    stiffness = structure.stiffness(worn_values, mount, bearing, scales[..., SUPPORTS])
+    damping = structure.damping(worn_values)
 
     if drive.turning is None:
         motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)
     else:
-        terms = drive.turning(worn)
+        terms = drive.turning(worn_values)
         speed = float(frequency[1])
         motion = periodic_steady_state(
             solver, structure.mass, damping, stiffness, speed, force, terms
@@ -344,7 +344,7 @@ def require_positive(
     InputError
         It names the first one.
     """
-    scale_names = tuple(f"scales.{item.name}" for item in fields(Scales))
+    scale_names = tuple(f"scales.{scale.name}" for scale in fields(Scales))
     for tensor, names in ((values, PARAMETERS), (scales, scale_names)):
         numbers = tensor.detach()
         if tensor.is_meta or bool(((numbers > 0) & torch.isfinite(numbers)).all()):

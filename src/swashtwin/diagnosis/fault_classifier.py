@@ -82,8 +82,8 @@ class FaultClassifier(Estimator):
         by recording id.
     error_rate : target miscoverage of the prediction sets; by default 0.1, or the lowest rate that
         the recordings allow.
-    fault_of : fault that a class of the recordings stands for, such as ``{"Kolbenverschleiss":
-        "piston"}``: synthetic windows of that fault are then of this class.
+    fault_of : fault that a class of the recordings stands for, so that synthetic windows of that
+        fault are of this class: ``{"Kolbenverschleiss": "piston"}``.
     prior : pump prior, or the design of a shipped one, for faults that no training recording shows.
         A recording that it takes for such a fault is unknown, and the answer states what it
         resembles. Needs recordings, healthy ones of each machine among them.

@@ -76,11 +76,11 @@ def register_network(name: str, network: "type[AnyNetwork] | Callable[..., nn.Mo
     Parameters
     ----------
     name : new name; registering it again replaces the earlier network.
-    network : a function, or a class, that returns a `torch.nn.Module` from ``(n_channels,
-        n_classes, length)``. The module takes scaled windows ``(window, channel, sample)`` and
-        returns ``(window, class)`` scores before softmax. Further arguments with defaults are
-        settings. Or a subclass of `Network`, or of `SolvedNetwork` if numpy finds the weights at
-        once, that has this `name`.
+    network : a function, or a class, that returns a `torch.nn.Module`. It takes
+        ``(n_channels, n_classes, length)``; further arguments with defaults are settings. The
+        module takes scaled windows ``(window, channel, sample)`` and returns ``(window, class)``
+        scores before softmax. Or a subclass of `Network` that has this `name`, or of
+        `SolvedNetwork` if numpy solves for the weights directly.
 
     Raises
     ------

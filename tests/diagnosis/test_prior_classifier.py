@@ -80,7 +80,13 @@ def trained() -> PriorClassifier:
     prior = PumpPrior()
     simulated = changes()
     speed, pressure = operating_range(prior.pump, prior)
-    arrays = (simulated.change, simulated.label, simulated.pump, simulated.scatter, simulated.drawn)
+    arrays = (
+        simulated.change,
+        simulated.label,
+        simulated.pump,
+        simulated.scatter,
+        simulated.has_own_drawing,
+    )
     return make_prior(*arrays, pump=prior.pump, speed=speed, pressure=pressure)
 
 

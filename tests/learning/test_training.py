@@ -25,7 +25,7 @@ from swashtwin.learning import (
 )
 from swashtwin.learning.networks.registry import BUILT_IN
 from swashtwin.learning.training import loop, steps
-from swashtwin.learning.training.settings import at_other_speeds, transform_windows, with_gains
+from swashtwin.learning.training.settings import transform_windows, with_gains, with_speed_changes
 from swashtwin.recordings import Recording
 
 CLASSES = ("normal", "piston")
@@ -410,7 +410,7 @@ def test_a_changed_shaft_speed_moves_every_line_by_the_same_factor():
     tone = np.sin(phase).astype(np.float32)
     windows = np.tile(tone, (200, 2, 1))
 
-    stretched = at_other_speeds(windows, 0.05, np.random.default_rng(0))
+    stretched = with_speed_changes(windows, 0.05, np.random.default_rng(0))
 
     assert stretched.dtype == np.float32
 
@@ -423,7 +423,7 @@ def test_a_changed_shaft_speed_moves_every_line_by_the_same_factor():
     assert shift.max() > 0.04
     assert np.abs(stretched).max() < 1.01
 
-    still = at_other_speeds(np.tile(tone, (1, 1, 1)), 0.0, np.random.default_rng(0))
+    still = with_speed_changes(np.tile(tone, (1, 1, 1)), 0.0, np.random.default_rng(0))
     assert np.allclose(still, tone, atol=1e-5)
 
 

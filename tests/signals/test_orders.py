@@ -105,7 +105,7 @@ def test_a_channel_without_pulses_is_no_tachometer() -> None:
 @pytest.mark.parametrize("swing", [0.0, 0.005, 0.02])
 def test_a_wandering_speed_is_followed_on_the_piston_line(swing: float) -> None:
     true = shaft_speed(start=14.2, end=14.4, swing=swing)
-    angle = track_shaft_angle(turning(true, noise=0.3), order=7, near=rpm(860))
+    angle = track_shaft_angle(turning(true, noise=0.3), order=7, expected_speed=rpm(860))
 
     assert wandering(angle, true) < 1.5
     assert angle.quality == 1.0
@@ -113,7 +113,9 @@ def test_a_wandering_speed_is_followed_on_the_piston_line(swing: float) -> None:
 
 def test_a_run_up_by_half_is_followed_from_one_guess() -> None:
     true = shaft_speed(start=12, end=18)
-    angle = track_shaft_angle(turning(true, noise=0.3), order=7, near=2 * np.pi * 15, search=0.25)
+    angle = track_shaft_angle(
+        turning(true, noise=0.3), order=7, expected_speed=2 * np.pi * 15, search=0.25
+    )
     assert wandering(angle, true) < 1.5
 
 
@@ -124,7 +126,9 @@ def test_the_stated_error_is_the_error_that_noise_makes() -> None:
     stated = []
 
     for seed in range(6):
-        angle = track_shaft_angle(turning(true, noise=2.0, seed=seed), order=7, near=rpm(860))
+        angle = track_shaft_angle(
+            turning(true, noise=2.0, seed=seed), order=7, expected_speed=rpm(860)
+        )
         error = (angle.angle - true)[inside]
         errors.append((error - error.mean()).std())
         stated.append(angle.deviation)
@@ -135,7 +139,9 @@ def test_the_stated_error_is_the_error_that_noise_makes() -> None:
 def test_noise_without_a_line_is_not_followed() -> None:
     noise = np.random.default_rng(0).standard_normal((2, 80000))
     with pytest.raises(DataError, match="stands clear of the noise"):
-        track_shaft_angle(Recording(noise, RATE, "noise", ("a", "b")), order=7, near=rpm(860))
+        track_shaft_angle(
+            Recording(noise, RATE, "noise", ("a", "b")), order=7, expected_speed=rpm(860)
+        )
 
 
 def test_a_hump_of_noise_is_no_line() -> None:
@@ -148,7 +154,7 @@ def test_a_hump_of_noise_is_no_line() -> None:
     hump = 20 * scipy.signal.sosfilt(sos, noise)[20_000:] + 0.1 * noise[20_000:]
 
     with pytest.raises(DataError, match="stands clear of the noise"):
-        track_shaft_angle(Recording(hump[None], RATE, "hump"), order=7, near=rpm(860))
+        track_shaft_angle(Recording(hump[None], RATE, "hump"), order=7, expected_speed=rpm(860))
 
 
 def test_a_line_at_the_edge_of_the_search_is_refused() -> None:
@@ -156,7 +162,7 @@ def test_a_line_at_the_edge_of_the_search_is_refused() -> None:
         track_shaft_angle(
             turning(shaft_speed(start=14.9, end=14.9), noise=0.1),
             order=7,
-            near=rpm(860),
+            expected_speed=rpm(860),
             search=0.03,
         )
 
@@ -164,15 +170,15 @@ def test_a_line_at_the_edge_of_the_search_is_refused() -> None:
 def test_what_cannot_be_followed_is_said() -> None:
     recording = turning(shaft_speed(seconds=0.8))
     with pytest.raises(DataError, match="needs 16"):
-        track_shaft_angle(recording, order=7, near=rpm(860))
+        track_shaft_angle(recording, order=7, expected_speed=rpm(860))
     with pytest.raises(InputError, match="specifies no speed"):
         track_shaft_angle(recording, order=7)
     with pytest.raises(InputError, match="below half the sample rate"):
-        track_shaft_angle(recording, order=700, near=rpm(860))
+        track_shaft_angle(recording, order=700, expected_speed=rpm(860))
     with pytest.raises(InputError, match="at least one order"):
-        track_shaft_angle(recording, order=(), near=rpm(860))
+        track_shaft_angle(recording, order=(), expected_speed=rpm(860))
     with pytest.raises(InputError, match="positive speed"):
-        track_shaft_angle(recording, order=7, near=-1.0)
+        track_shaft_angle(recording, order=7, expected_speed=-1.0)
 
 
 @settings(max_examples=12, deadline=None)
@@ -244,11 +250,11 @@ def test_what_cannot_be_laid_along_an_angle_is_said() -> None:
 
 def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> None:
     recording = turning(shaft_speed(start=14.0, end=14.6), noise=0.1)
-    angles = track_shaft_angle(recording, order=(7, 400, 700), near=rpm(860))
+    angles = track_shaft_angle(recording, order=(7, 400, 700), expected_speed=rpm(860))
 
     assert angles.source == "the line at order 7"
     with pytest.raises(InputError, match=r"order 400 .* below half the sample rate"):
-        track_shaft_angle(recording, order=(700, 400), near=rpm(860))
+        track_shaft_angle(recording, order=(700, 400), expected_speed=rpm(860))
 
 
 # ---- the angle from the piston-pass lines

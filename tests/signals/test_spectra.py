@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from swashtwin.foundation import InputError
 from swashtwin.signals import (
-    aligned,
+    align_waveform,
     band_limited,
     order_spectrum,
     peak_error,
@@ -201,7 +201,7 @@ def test_a_known_shift_is_found(shift: int, seed: int) -> None:
     simulated = np.tile(turn, 4)
     measured = 3 * simulated[:, shift : shift + 150]
 
-    np.testing.assert_array_equal(3 * aligned(measured, simulated), measured)
+    np.testing.assert_array_equal(3 * align_waveform(measured, simulated), measured)
 
 
 @given(scale=st.floats(0.1, 10), seed=st.integers(0, 2**32))

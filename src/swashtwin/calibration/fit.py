@@ -16,7 +16,7 @@ from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 from swashtwin.signals import (
-    aligned,
+    align_waveform,
     band_limited,
     peak_error,
     spectral_correlation,
@@ -258,7 +258,7 @@ def _align_windows(
         start = turn_index * turn
         window = measured[:, start : start + turn]
         # the shaft angle at the start of a recording is unknown, so every shift is tried
-        candidates = [aligned(window, simulated) for simulated in simulations]
+        candidates = [align_waveform(window, simulated) for simulated in simulations]
         errors = [waveform_rmse(window, candidate) for candidate in candidates]
         windows.append((window, candidates[int(np.argmin(errors))]))
     return windows

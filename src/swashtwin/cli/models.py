@@ -289,13 +289,13 @@ def prior(
         changes.label,
         changes.pump,
         changes.scatter,
-        changes.drawn,
+        changes.has_own_drawing,
         pump=distribution.pump,
         speed=speed,
         pressure=pressure,
     )
     model.save(out)
-    n_pumps = len(changes.drawn)
+    n_pumps = len(changes.has_own_drawing)
 
     def show() -> None:
         print_text(f"{out}: {model!r}")

@@ -192,7 +192,7 @@ def _print_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
     factors = []
     for column in printed_columns:
         indicator = indicators.columns[column]
-        factor, unit = indicator.shown
+        factor, unit = indicator.display_unit
         title = indicator.name.removeprefix("order_amplitude ").replace("_", " ")
         titles.append(f"{title} [{unit}]" if indicator.unit else title)
         factors.append(factor)
@@ -403,7 +403,7 @@ def _print_trend_points(trend: "Trend") -> None:
     if len(points) > MAX_ROWS:
         points.sort(key=lambda point: -deviations.get(point.row.recording_id, 0.0))
 
-    factor, unit = trend.indicator.shown
+    factor, unit = trend.indicator.display_unit
     rows = [
         (
             point.row.recording_id,

@@ -16,7 +16,7 @@ from swashtwin.diagnosis.recording_arguments import require_layout, require_reco
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, load_artifact, plural, save_artifact
 from swashtwin.learning import (
-    DEFAULT_ERROR_RATE,
+    DEFAULT_FALSE_ALARM_RATE,
     MAX_OUTLIER_SHARE,
     MIN_HEALTHY_RECORDINGS,
     BandPowerLayout,
@@ -131,12 +131,12 @@ class AnomalyDetector(Estimator):
 
         rate = self.error_rate
         if rate is None:
-            rate = allowed_error_rate(healthy.n_recordings, DEFAULT_ERROR_RATE)
-            if rate > DEFAULT_ERROR_RATE:
+            rate = allowed_error_rate(healthy.n_recordings, DEFAULT_FALSE_ALARM_RATE)
+            if rate > DEFAULT_FALSE_ALARM_RATE:
                 note = (
                     f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below "
-                    f"{rate:g}; {DEFAULT_ERROR_RATE:g} needs "
-                    f"{min_validation_recordings(DEFAULT_ERROR_RATE)}."
+                    f"{rate:g}; {DEFAULT_FALSE_ALARM_RATE:g} needs "
+                    f"{min_validation_recordings(DEFAULT_FALSE_ALARM_RATE)}."
                 )
                 notes = (*notes, note)
 
@@ -321,7 +321,7 @@ def exclude_outliers(
 
 def _detection_limit(baseline: HealthyBaseline, error_rate: float | None) -> float:
     """Return the median rise [dB] of a single band power that raises an alarm."""
-    rate = error_rate or allowed_error_rate(baseline.n_recordings, DEFAULT_ERROR_RATE)
+    rate = error_rate or allowed_error_rate(baseline.n_recordings, DEFAULT_FALSE_ALARM_RATE)
     return detectable_rise(baseline.band_powers, baseline.point_index, rate)
 
 

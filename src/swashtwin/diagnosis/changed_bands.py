@@ -81,7 +81,7 @@ def band_power_changes(
     changes = tuple(
         BandPowerChange(
             channel=band_powers[index].channel,
-            band=band_powers[index].words(shaft),
+            band=band_powers[index].describe(shaft),
             change=float(deviation.change[index]),
             spreads=float(deviation.spreads[index]),
         )

@@ -372,7 +372,7 @@ class RecordingViews:
             band_power = layout.band_powers[index]
             rows.append(
                 {
-                    "band": band_power.words(shaft_hz),
+                    "band": band_power.describe(shaft_hz),
                     "channel": band_power.channel,
                     "change": float(change[index]),
                     "spreads": float(change[index] / spread[index]),

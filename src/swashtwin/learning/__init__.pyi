@@ -32,7 +32,7 @@ from .features import window_powers as window_powers
 from .healthy.band_power_layout import BandPowerLayout as BandPowerLayout
 from .healthy.band_power_layout import Deviation as Deviation
 from .healthy.band_power_layout import band_power_layout as band_power_layout
-from .healthy.healthy_baseline import DEFAULT_ERROR_RATE as DEFAULT_ERROR_RATE
+from .healthy.healthy_baseline import DEFAULT_FALSE_ALARM_RATE as DEFAULT_FALSE_ALARM_RATE
 from .healthy.healthy_baseline import MIN_HEALTHY_RECORDINGS as MIN_HEALTHY_RECORDINGS
 from .healthy.healthy_baseline import HealthyBaseline as HealthyBaseline
 from .healthy.healthy_baseline import measure_baseline as measure_baseline
@@ -52,7 +52,6 @@ from .networks.registry import rebuild_network as rebuild_network
 from .networks.registry import register_network as register_network
 from .networks.residual_branch import Branch as Branch
 from .networks.solved_network import SolvedNetwork as SolvedNetwork
-from .networks.tree_network import Forest as Forest
 from .onnx_graph import onnx_model as onnx_model
 from .recordings.recording_model import RecordingModel as RecordingModel
 from .training.classifier import FittedClassifier as FittedClassifier
@@ -63,7 +62,6 @@ from .training.confidence import allowed_error_rate as allowed_error_rate
 from .training.confidence import likeliest_class as likeliest_class
 from .training.confidence import min_validation_recordings as min_validation_recordings
 from .training.confidence import pooled_probabilities as pooled_probabilities
-from .training.confidence import require_validation_recordings as require_validation_recordings
 from .training.confidence import validation_share as validation_share
 from .training.fitting import fit as fit
 from .training.settings import NOISE_SNR_RANGE_DB as NOISE_SNR_RANGE_DB
@@ -71,8 +69,8 @@ from .training.settings import PAPER_TRAINING as PAPER_TRAINING
 from .training.settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
 from .training.settings import Epoch as Epoch
 from .training.settings import TrainingSettings as TrainingSettings
-from .training.settings import at_other_speeds as at_other_speeds
 from .training.settings import with_gains as with_gains
+from .training.settings import with_speed_changes as with_speed_changes
 from .training.training_data import TrainingData as TrainingData
 from .training.training_data import prepare_training_data as prepare_training_data
 from .training.training_reference import N_STATISTICS as N_STATISTICS

@@ -1,4 +1,4 @@
-"""Check whether a data set is sound and large enough: what can be trained, tested and calibrated."""
+"""Check whether a data set is sound, and large enough to train, test and calibrate with."""
 
 import itertools
 from collections import Counter
@@ -9,7 +9,10 @@ from typing import Any, Literal
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, plural, to_table
-from swashtwin.learning.healthy.healthy_baseline import DEFAULT_ERROR_RATE, MIN_HEALTHY_RECORDINGS
+from swashtwin.learning.healthy.healthy_baseline import (
+    DEFAULT_FALSE_ALARM_RATE,
+    MIN_HEALTHY_RECORDINGS,
+)
 from swashtwin.learning.training.confidence import allowed_error_rate, min_validation_recordings
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
@@ -35,7 +38,7 @@ Answer = tuple[State, str]
 _TEST_FRACTION = 0.2
 
 # Recordings left after a test below which no confidence is calibrated.
-_MIN_LEFT_RECORDINGS = 4
+_MIN_REMAINING_RECORDINGS = 4
 
 _DETECTION = "detection from healthy recordings alone"
 
@@ -154,11 +157,10 @@ def check_recordings(
     inspection = inspect_recordings(
         recordings, window=window, unreadable=unreadable, progress=progress
     )
-    unusable = {
-        report.recording_id
-        for report in inspection.recordings
-        if any(finding.severity == "error" for finding in report.findings)
-    }
+    unusable = set()
+    for report in inspection.recordings:
+        if any(finding.severity == "error" for finding in report.findings):
+            unusable.add(report.recording_id)
     usable = [recording for recording in recordings if recording.recording_id not in unusable]
     copies = find_duplicates(build_manifest(usable))
     usable = [recording for recording in usable if recording.recording_id not in copies]
@@ -207,7 +209,7 @@ def _notes(
 
 
 def _one_machine_notes(labeled: Sequence[Recording]) -> list[str]:
-    """Return a note on each class that is on one specimen only, which has no other class."""
+    """Return a note on each class measured on a single specimen that has no other class."""
     pairs = {(str(recording.label), recording.specimen or "") for recording in labeled}
     specimens_by_class = Counter(label for label, _ in pairs)
     classes_by_specimen = Counter(specimen for _, specimen in pairs)
@@ -237,16 +239,19 @@ def _counts(recordings: Sequence[Recording]) -> tuple[ClassCount, ...]:
     for recording, condition in zip(recordings, conditions, strict=True):
         cells.setdefault((recording.label or "", condition), []).append(recording)
 
-    return tuple(
-        ClassCount(
-            label=label,
-            condition=condition,
-            recordings=len(members),
-            specimens=tuple(sorted({member.specimen for member in members if member.specimen})),
-            seconds=sum(member.duration for member in members),
+    counts = []
+    for (label, condition), members in cells.items():
+        specimens = {member.specimen for member in members if member.specimen}
+        counts.append(
+            ClassCount(
+                label=label,
+                condition=condition,
+                recordings=len(members),
+                specimens=tuple(sorted(specimens)),
+                seconds=sum(member.duration for member in members),
+            )
         )
-        for (label, condition), members in cells.items()
-    )
+    return tuple(counts)
 
 
 def _uses(labeled: Sequence[Recording], error_rate: float) -> tuple[Use, ...]:
@@ -293,9 +298,9 @@ def _detection(n_healthy: int) -> Answer:
     if n_healthy < MIN_HEALTHY_RECORDINGS:
         return "no", f"{count}; at least {MIN_HEALTHY_RECORDINGS} are needed."
 
-    allowed = allowed_error_rate(n_healthy, DEFAULT_ERROR_RATE)
+    allowed = allowed_error_rate(n_healthy, DEFAULT_FALSE_ALARM_RATE)
     reason = f"{count} allow a false-alarm rate of {allowed:g}: train on an index of these alone."
-    return "yes" if allowed == DEFAULT_ERROR_RATE else "partly", reason
+    return "yes" if allowed == DEFAULT_FALSE_ALARM_RATE else "partly", reason
 
 
 def _test(labeled: Sequence[Recording], group: str) -> Answer:
@@ -324,24 +329,28 @@ def _test_rows(labels: np.ndarray, groups: np.ndarray) -> np.ndarray | None:
 
 
 def _confidence(labeled: Sequence[Recording], error_rate: float) -> Answer:
-    n_left = 0
+    n_remaining = 0
     if labeled:
         labels = np.array([str(recording.label) for recording in labeled])
         test_rows = _test_rows(labels, np.arange(len(labeled)))
         if test_rows is not None:
-            n_left = len(labeled) - len(test_rows)
+            n_remaining = len(labeled) - len(test_rows)
 
     needed = min_validation_recordings(error_rate)
-    allowed = allowed_error_rate(n_left, error_rate)
-    verb = "is" if n_left == 1 else "are"
-    left = (
-        f"{plural(n_left, 'recording')} {verb} left after a test on a share of {_TEST_FRACTION:g}"
+    allowed = allowed_error_rate(n_remaining, error_rate)
+    verb = "is" if n_remaining == 1 else "are"
+    remaining_text = (
+        f"{plural(n_remaining, 'recording')} {verb} left after a test on a share of "
+        f"{_TEST_FRACTION:g}"
     )
     if allowed == error_rate:
-        return "yes", f"training calibrates it with its folds; {left}, {needed} are needed."
+        return (
+            "yes",
+            f"training calibrates it with its folds; {remaining_text}, {needed} are needed.",
+        )
 
-    shortage = f"an error rate of {error_rate:g} needs {needed} recordings; {left}"
-    if n_left < _MIN_LEFT_RECORDINGS:
+    shortage = f"an error rate of {error_rate:g} needs {needed} recordings; {remaining_text}"
+    if n_remaining < _MIN_REMAINING_RECORDINGS:
         return "no", f"{shortage}."
     return "partly", f"{shortage}, which allow an error rate of {allowed:g}."
 

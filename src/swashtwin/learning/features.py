@@ -1,4 +1,4 @@
-"""Vibration features of windows: what an analyst would compute before any network."""
+"""Vibration features of windows, as an analyst would compute them before any network."""
 
 from collections.abc import Sequence
 
@@ -23,10 +23,7 @@ MAX_SHIFT_SCATTER = 0.25
 
 
 def common_shift(change: Float[np.ndarray, "*channel band"]) -> Float[np.ndarray, "*channel"]:
-    """Return the change [dB] of a channel whose bands nearly all moved alike; else 0.
-
-    A gain moves them so.
-    """
+    """Return the change [dB] of a channel whose bands changed alike, as by a gain; else 0."""
     shift = np.median(change, axis=-1)
     scatter = np.median(np.abs(change - shift[..., None]), axis=-1)
     magnitude = np.abs(shift)
@@ -71,14 +68,12 @@ def feature_names(channels: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{channel} {name}" for channel in channels for name in names)
 
 
-def band_energies(
-    signal: Float[np.ndarray, "window time"], n_bands: int = N_BANDS
-) -> Float64[np.ndarray, "window band"]:
-    """Return log10 of the mean square in each of the bands of equal ratio [of the unit squared].
+def band_energies(signal: Float[np.ndarray, "window time"]) -> Float64[np.ndarray, "window band"]:
+    """Return log10 of the mean square in each of `N_BANDS` bands of equal ratio [unit squared].
 
     The mean is removed and a Hann taper applied.
     """
-    return log_band_powers(line_powers(signal), n_bands)
+    return log_band_powers(line_powers(signal), N_BANDS)
 
 
 N_SHAPE = 5
@@ -191,7 +186,7 @@ def reference_spectrum(
     starts, n_covered = _narrow_starts(n_lines)
     narrow_edges = (np.append(starts, n_covered) + 0.5) * line_width
     wide_edges = logarithmic_edges(n_lines, N_WIDE) * line_width
-    # The tolerance keeps a band that begins where the narrow ones end, up to rounding.
+    # The tolerance keeps a band that begins at the end of the narrow ones, up to rounding.
     is_above = wide_edges[:-1] >= narrow_edges[-1] * (1 - 1e-9)
 
     rows = features.reshape(len(features), n_channels, -1)

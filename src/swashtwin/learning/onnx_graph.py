@@ -95,14 +95,14 @@ class Graph:
         """Return the squared magnitude of complex numbers, whose two parts are the last axis."""
         return self.reduce("Sum", self("Mul", lines, lines), keep=0)
 
-    def analytic_signal(self, spectrum: str, length: int, first: int, last: int) -> str:
-        """Return the analytic signal of the lines `first` to `last` of a transform.
+    def analytic_signal(self, spectrum: str, length: int, first: int, end: int) -> str:
+        """Return the analytic signal of the lines `first` to `end` (included) of a transform.
 
         Its two parts are the last axis.
         """
         n_lines = length // 2 + 1
         line = np.arange(n_lines)
-        weight = np.where((line >= first) & (line <= last), 2.0, 0.0)
+        weight = np.where((line >= first) & (line <= end), 2.0, 0.0)
         if length % 2 == 0:
             weight[-1] /= 2  # the line at half the rate has no counterpart at negative frequency
 

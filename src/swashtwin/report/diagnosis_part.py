@@ -541,7 +541,7 @@ def draw_band_changes(verdict: Diagnosis, key: str) -> Drawing:
         axes[-1, 1].set_xlabel("shaft order")
     columns = {
         "channel": [band.channel for band in bands],
-        "band": [band.words() for band in bands],
+        "band": [band.describe() for band in bands],
         "change_db": change.tolist(),
         "standard_deviations": spreads.tolist(),
     }

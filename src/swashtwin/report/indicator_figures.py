@@ -61,7 +61,7 @@ def draw_spectrum(spectrum: LineSpectrum) -> Drawing:
 @figure_style()
 def draw_trend(trend: Trend) -> Drawing:
     """Draw an indicator over recordings, each with the range of its baseline."""
-    factor, unit = trend.indicator.shown
+    factor, unit = trend.indicator.display_unit
     name = format_label(trend.indicator.name).replace("rms", "RMS")
     values = factor * np.array([point.value for point in trend.points])
 

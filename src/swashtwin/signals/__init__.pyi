@@ -37,7 +37,7 @@ from .shaft_angle import resample_by_angle as resample_by_angle
 from .shaft_angle import specified_angle as specified_angle
 from .shaft_angle import tachometer_angle as tachometer_angle
 from .spectra import OrderSpectrum as OrderSpectrum
-from .spectra import aligned as aligned
+from .spectra import align_waveform as align_waveform
 from .spectra import fourier_lines as fourier_lines
 from .spectra import hann_taper as hann_taper
 from .spectra import inverse_transform as inverse_transform
@@ -56,7 +56,6 @@ from .spectra import waveform_rmse as waveform_rmse
 from .tracking import piston_pass_angle as piston_pass_angle
 from .tracking import track_shaft_angle as track_shaft_angle
 from .trend import Trend as Trend
-from .trend import TrendPoint as TrendPoint
 from .trend import trend_of as trend_of
 from .waveform_statistics import TIME_STATISTICS as TIME_STATISTICS
 from .waveform_statistics import time_statistics as time_statistics

@@ -1,4 +1,4 @@
-"""The one catalogue of spectral features: a power spectrum and a table of bands give band powers.
+"""Band powers: the spectral features that a power spectrum and a table of bands give.
 
 Edges of bands are in *lines* of a spectrum: line k lies at k, reaches half a line to either side,
 and line 1 is the first above the mean. A line that an edge cuts counts by its share, so that a band
@@ -6,9 +6,9 @@ narrower than a line is never empty. Which bands are measured is data, and belon
 measures: `learning` has a table for windows, one for whole recordings, and one for the baseline of
 healthy recordings.
 
-There are two ways to the same sums. `power_between` reads them off `running_sums`, for bands that
-differ from row to row (shaft orders) or that overlap; `band_shares` is a matrix for a table that
-every spectrum of a length shares, and one matrix product is all.
+Two functions compute the same sums. `power_between` reads them off `running_sums`, for bands that
+differ from row to row (shaft orders) or that overlap. `band_shares` is a matrix for a table that
+all spectra of a length share: one matrix product gives all bands.
 
 Root mean squares of a band (`band_rms`) are corrected for the noise bandwidth of the taper: a sine
 of amplitude 1 reads 0.7071 in any band that holds it.
@@ -61,12 +61,12 @@ class BandPower:
             return math.nan, math.nan
         return self.low * shaft, self.high * shaft
 
-    def words(self, shaft: float | None = None) -> str:
+    def describe(self, shaft: float | None = None) -> str:
         """Return a label such as ``shaft order 9 (129 Hz)``, at a shaft frequency [Hz].
 
         Examples
         --------
-        >>> BandPower("x", True, 9, 8.75, 9.25).words(14.333)
+        >>> BandPower("x", True, 9, 8.75, 9.25).describe(14.333)
         'shaft order 9 of the envelope (129 Hz)'
         """
         signal = " of the envelope" if self.is_envelope else ""
@@ -207,7 +207,7 @@ def band_rms(
     of_velocity : return that of the velocity [m/s] of an acceleration [m/s^2]: the power density is
         divided by the angular frequency squared, which needs no start value and lets no offset
         drift. Vibration severity of machines is commonly stated from 10 to 1000 Hz.
-    spectrum : `power_density` of the signal in segments of `segment_length`, if it is known already.
+    spectrum : `power_density` of the signal in segments of `segment_length`, if already known.
 
     Examples
     --------

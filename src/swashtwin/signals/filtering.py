@@ -86,7 +86,7 @@ def _color_pink(white: Float[np.ndarray, "*axes time"]) -> Float[np.ndarray, "*a
     weight = np.zeros(spectrum.shape[-1])
     weight[1:] = np.arange(1, len(weight)) ** -0.5
 
-    # Lines of both signs count, except that at half the rate, which is there for an even count.
+    # Lines of both signs count; the line at half the rate, which even counts have, has one sign.
     sides = np.full(len(weight), 2.0)
     sides[-1] -= n_samples % 2 == 0
     variance = float((sides * weight**2).sum()) / n_samples
@@ -119,8 +119,8 @@ def _hum(
 
 
 MAX_UPPER_EDGE = 0.98
-"""Upper edge, relative to half the sample rate, from which a filter is a high pass: a band pass so
-near to it is badly conditioned.
+"""Upper edge, relative to half the sample rate, from which a filter is a high pass: a band pass
+that ends so near to it is badly conditioned.
 """
 
 
@@ -139,8 +139,8 @@ def band_limited(
     nyquist = sample_rate / 2
     if not 0 < low < min(high, nyquist):
         raise InputError(
-            f"Band {low:g} to {high:g} Hz is invalid at {sample_rate:g} Hz: use 0 < low < high, and "
-            "low below half the sample rate."
+            f"Band {low:g} to {high:g} Hz is invalid at {sample_rate:g} Hz: use 0 < low < high, "
+            "and low below half the sample rate."
         )
 
     upper = None

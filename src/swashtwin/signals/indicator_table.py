@@ -10,7 +10,7 @@ from jaxtyping import Float64
 
 from swashtwin.foundation import DataError, InputError, csv_text
 from swashtwin.recordings import Recording, require_usable, specified_shaft_frequency
-from swashtwin.signals.indicators import BANDS, FAMILIES, Band, Indicator, Measured
+from swashtwin.signals.indicators import BANDS, FAMILIES, Band, Indicator, IndicatorInput
 from swashtwin.signals.shaft_angle import ShaftAngle
 from swashtwin.signals.waveform_statistics import recording_statistics
 
@@ -117,8 +117,9 @@ class IndicatorTable:
 
 def _csv_cell(value: Any) -> Any:
     """Return an empty cell for None and NaN."""
-    is_missing = value is None or (isinstance(value, float) and math.isnan(value))
-    return "" if is_missing else value
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    return value
 
 
 def indicators_of(
@@ -169,11 +170,11 @@ def indicators_of(
     if pistons is not None:
         orders = tuple(sorted({1, 2, pistons, 2 * pistons}))
 
-    measured = Measured(recording, shaft, angle, orders, tuple(bands))
+    source = IndicatorInput(recording, shaft, angle, orders, tuple(bands))
     columns = []
     values = []
     for name in families:
-        for indicator, channel_values in FAMILIES[name](measured):
+        for indicator, channel_values in FAMILIES[name](source):
             columns.append(indicator)
             values.append(channel_values)
 
@@ -263,12 +264,14 @@ def summarize_long_recording(
     starts = np.linspace(0, recording.n_samples - length, N_STRETCHES).astype(int).tolist()
     tables = [describe(recording.slice(start, start + length)) for start in starts]
 
-    columns = [
-        column for column in tables[0].columns if all(column in table.columns for table in tables)
-    ]
-    values = np.stack(
-        [table.values[:, [table.columns.index(column) for column in columns]] for table in tables]
-    )
+    # A stretch may lack a column, for instance if it is too short for an order.
+    shared_columns = set(tables[0].columns).intersection(*(table.columns for table in tables))
+    columns = [column for column in tables[0].columns if column in shared_columns]
+    stretch_values = []
+    for table in tables:
+        indices = [table.columns.index(column) for column in columns]
+        stretch_values.append(table.values[:, indices])
+    values = np.stack(stretch_values)
     summary = np.median(values, axis=0)
 
     statistics: dict[str, np.ndarray] = {}

@@ -22,7 +22,7 @@ from swashtwin.signals.waveform_statistics import recording_statistics
 _BAND = re.compile(r"([0-9]+\.?[0-9]*)\s*-\s*([0-9]+\.?[0-9]*)\s*(Hz|kHz|x)")
 
 # Factor and unit in which people read a quantity; files and JSON are in SI units.
-_SHOWN = {"m/s": (1000.0, "mm/s")}
+_DISPLAY_UNITS = {"m/s": (1000.0, "mm/s")}
 
 
 @dataclass(frozen=True)
@@ -83,14 +83,14 @@ class Indicator:
     """What it is, with its convention."""
 
     @property
-    def shown(self) -> tuple[float, str]:
+    def display_unit(self) -> tuple[float, str]:
         """Factor to the unit in which people read it, and that unit, such as mm/s."""
-        return _SHOWN.get(self.unit, (1.0, self.unit))
+        return _DISPLAY_UNITS.get(self.unit, (1.0, self.unit))
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
-    """A recording and all that its indicators are computed from."""
+class IndicatorInput:
+    """A recording, and what its indicators are computed from besides its samples."""
 
     recording: Recording
     """The recording."""
@@ -123,28 +123,28 @@ _STATISTICS = {
 _HAS_UNIT = ("rms", "peak")
 
 
-def _statistics(measured: Measured) -> Values:
-    values = recording_statistics(measured.recording)
+def _statistics(source: IndicatorInput) -> Values:
+    values = recording_statistics(source.recording)
     for name, meaning in _STATISTICS.items():
-        unit = measured.recording.unit if name in _HAS_UNIT else ""
+        unit = source.recording.unit if name in _HAS_UNIT else ""
         yield Indicator(name, unit, meaning), values[name]
 
 
 def _rms_or_nan(
-    measured: Measured, low: float, high: float, *, of_velocity: bool = False
+    source: IndicatorInput, low: float, high: float, *, of_velocity: bool = False
 ) -> Float[np.ndarray, " channel"]:
     """Return the root mean square of a band; NaN if the recording is too short or too slow."""
     try:
         return band_rms(
-            measured.recording.signal,
-            measured.recording.sample_rate,
+            source.recording.signal,
+            source.recording.sample_rate,
             low,
             high,
             of_velocity=of_velocity,
-            spectrum=measured.band_spectrum,
+            spectrum=source.band_spectrum,
         )
     except InputError:
-        return np.full(measured.recording.n_channels, math.nan)
+        return np.full(source.recording.n_channels, math.nan)
 
 
 def _order_amplitudes(
@@ -160,54 +160,54 @@ def _order_amplitudes(
             yield order, np.full(len(signal), math.nan)
 
 
-def _velocity(measured: Measured) -> Values:
-    if measured.recording.unit != "m/s^2":
+def _velocity(source: IndicatorInput) -> Values:
+    if source.recording.unit != "m/s^2":
         return
     meaning = "rms velocity, 10 to 1000 Hz, integrated from acceleration"
-    values = _rms_or_nan(measured, 10.0, 1000.0, of_velocity=True)
+    values = _rms_or_nan(source, 10.0, 1000.0, of_velocity=True)
     yield Indicator("velocity_rms", "m/s", meaning), values
 
 
-def _bands(measured: Measured) -> Values:
+def _bands(source: IndicatorInput) -> Values:
     meaning = "rms in the band; its square is the energy"
-    for band in measured.bands:
-        factor = measured.shaft if band.in_orders else 1.0
+    for band in source.bands:
+        factor = source.shaft if band.in_orders else 1.0
         if factor is None:
             continue
-        indicator = Indicator(f"band_rms {band.name}", measured.recording.unit, meaning)
-        yield indicator, _rms_or_nan(measured, band.low * factor, band.high * factor)
+        indicator = Indicator(f"band_rms {band.name}", source.recording.unit, meaning)
+        yield indicator, _rms_or_nan(source, band.low * factor, band.high * factor)
 
 
-def _orders(measured: Measured) -> Values:
-    if measured.shaft is None:
+def _orders(source: IndicatorInput) -> Values:
+    if source.shaft is None:
         return
 
-    recording = measured.recording
-    if measured.angle is None:
+    recording = source.recording
+    if source.angle is None:
         signal = recording.signal
         rate = recording.sample_rate
-        shaft = measured.shaft
+        shaft = source.shaft
         meaning = (
             "peak amplitude of the line, its power gathered over 0.6 % of wandering speed, "
             "noise taken away"
         )
     else:
-        steady = resample_by_angle(recording, measured.angle)
+        steady = resample_by_angle(recording, source.angle)
         signal = steady.signal
         rate = float(steady.attributes["samples_per_turn"])
         shaft = 1.0
         meaning = "peak amplitude of the line along the shaft's angle, noise taken away"
 
-    for order, amplitude in _order_amplitudes(measured.orders, signal, rate, shaft):
+    for order, amplitude in _order_amplitudes(source.orders, signal, rate, shaft):
         yield Indicator(f"order_amplitude {order}x", recording.unit, meaning), amplitude
 
 
-def _envelope(measured: Measured) -> Values:
-    signal = measured.recording.signal
-    rate = measured.recording.sample_rate
+def _envelope(source: IndicatorInput) -> Values:
+    signal = source.recording.signal
+    rate = source.recording.sample_rate
     # An envelope holds frequencies up to half the width of its band; three times the highest line
     # leaves room for the filter's slopes.
-    min_bandwidth = 3 * max(measured.orders, default=0) * (measured.shaft or 0.0)
+    min_bandwidth = 3 * max(source.orders, default=0) * (source.shaft or 0.0)
     try:
         grams = kurtograms(signal, rate, min_bandwidth=min_bandwidth)
     except InputError:
@@ -220,16 +220,16 @@ def _envelope(measured: Measured) -> Values:
     yield Indicator("spectral_kurtosis", "", kurtosis_meaning), kurtosis
     yield Indicator("envelope_band_low", "Hz", f"lower {edge_meaning}"), bands[:, 0]
     yield Indicator("envelope_band_high", "Hz", f"upper {edge_meaning}"), bands[:, 1]
-    if measured.shaft is None:
+    if source.shaft is None:
         return
 
     envelope = envelopes(signal, rate, bands)
     meaning = "peak amplitude of the envelope's line"
-    for order, amplitude in _order_amplitudes(measured.orders, envelope, rate, measured.shaft):
-        yield Indicator(f"envelope_amplitude {order}x", measured.recording.unit, meaning), amplitude
+    for order, amplitude in _order_amplitudes(source.orders, envelope, rate, source.shaft):
+        yield Indicator(f"envelope_amplitude {order}x", source.recording.unit, meaning), amplitude
 
 
-FAMILIES: Mapping[str, Callable[[Measured], Values]] = MappingProxyType(
+FAMILIES: Mapping[str, Callable[[IndicatorInput], Values]] = MappingProxyType(
     {
         "statistics": _statistics,
         "velocity": _velocity,

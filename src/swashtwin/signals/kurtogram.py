@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float, Float32, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
 from swashtwin.foundation import InputError
-from swashtwin.signals.spectra import AT_ONCE
+from swashtwin.signals.spectra import MAX_BLOCK_SAMPLES
 
 MAX_HALVINGS = 7
 """Halvings of the whole band."""
@@ -19,8 +19,7 @@ MIN_VALUES = 200
 SLOPE_SHARE = 0.125
 """Width of a filter's slopes beyond either edge, relative to the band; neighbors add up to 1."""
 EDGE_VALUES = 4
-"""Values of the envelope dropped at either end, where the filter wraps to the signal's other end.
-"""
+"""Values of the envelope dropped at either end: the filter wraps around to the other end there."""
 NOISE_DEVIATIONS = 3.0
 """Standard deviations of noise taken off a band's kurtosis before bands are compared."""
 BANDS_AT_ONCE = 8
@@ -70,8 +69,8 @@ def kurtograms(
     Hz only the whole one is included, as an envelope is one of something faster. Each band's
     complex envelope comes from the inverse transform of its part of the spectrum, with
     raised-cosine slopes, instead of from a tree of short filters (DOI 10.1016/j.ymssp.2005.12.002).
-    Zeros are added to the part up to a length that is fast to transform, which samples the same
-    envelope a little more closely (our reading: Antoni's envelopes have a length that his tree
+    Zeros pad the part to a length that is fast to transform, which samples the same envelope a
+    little more closely (our reading: Antoni's envelopes have a length that his tree
     decides); the kurtosis of noise moves by less than its deviation. Transforms are of single
     precision.
 
@@ -83,8 +82,8 @@ def kurtograms(
     n_samples = signal.shape[-1]
     if n_samples < 2 * MIN_VALUES or (np.ptp(signal, axis=-1) == 0).any():
         raise InputError(
-            f"A kurtogram of {n_samples} samples is not possible: it needs {2 * MIN_VALUES} samples "
-            "that are not constant."
+            f"A kurtogram of {n_samples} samples is not possible: it needs {2 * MIN_VALUES} "
+            "samples that are not constant."
         )
     spectra = _standardized_spectra(signal)
 
@@ -128,18 +127,20 @@ def _standardized_spectra(
 def _spectral_kurtosis(
     spectra: Complex[np.ndarray, "channel line"], count: int
 ) -> Float[np.ndarray, "channel band"]:
-    """Return the spectral kurtosis of `count` equal bands; of several, the first is left out."""
+    """Return the spectral kurtosis of `count` equal bands; of several, the first is excluded."""
     n_channels = len(spectra)
-    last = spectra.shape[1] - 1
-    make_filters = _band_filters if last < MAX_CACHED_LINES else _band_filters.__wrapped__
-    first, weights = make_filters(last, count)
+    last_line = spectra.shape[1] - 1
+    if last_line < MAX_CACHED_LINES:
+        first, weights = _band_filters(last_line, count)
+    else:
+        first, weights = _band_filters.__wrapped__(last_line, count)
     width = weights.shape[1] // 2
 
     # Complex numbers as pairs of real ones: a filter weighs both parts alike, and real products
     # take half the time.
     padded = np.pad(spectra, ((0, 0), (0, width))).view(np.float32)
     bands = sliding_window_view(padded, 2 * width, axis=1)
-    at_once = max(1, AT_ONCE // (width * n_channels) // BANDS_AT_ONCE) * BANDS_AT_ONCE
+    at_once = max(1, MAX_BLOCK_SAMPLES // (width * n_channels) // BANDS_AT_ONCE) * BANDS_AT_ONCE
 
     kurtosis = np.empty((n_channels, len(first)))
     for start in range(0, len(first), at_once):
@@ -161,16 +162,16 @@ def _spectral_kurtosis(
 
 @lru_cache(maxsize=2 * MAX_HALVINGS + 1)
 def _band_filters(
-    last: int, count: int
+    last_line: int, count: int
 ) -> tuple[Int[np.ndarray, " band"], Float32[np.ndarray, "band part"]]:
     """Return the first line of each band's filter, and its weights of real and imaginary parts."""
     first_band = 1 if count > 1 else 0
-    edges = last * np.arange(first_band, count + 1) / count
-    slope = SLOPE_SHARE * last / count
+    edges = last_line * np.arange(first_band, count + 1) / count
+    slope = SLOPE_SHARE * last_line / count
 
     # Line 0 is the mean, which no band holds.
     first = np.maximum(1, np.floor(edges[:-1] - slope)).astype(int)
-    end = np.minimum(last, np.ceil(edges[1:] + slope)).astype(int)
+    end = np.minimum(last_line, np.ceil(edges[1:] + slope)).astype(int)
     line = first[:, None] + np.arange(int((end - first).max()) + 1)
 
     rise = np.ones_like(line, dtype=float)
@@ -178,7 +179,7 @@ def _band_filters(
         rise = np.clip((line - edges[:-1, None]) / (2 * slope) + 0.5, 0, 1)
     # Nothing lies above half the sample rate, so the last band has no upper slope.
     upper_slope = np.clip((edges[1:, None] - line) / (2 * slope) + 0.5, 0, 1)
-    fall = np.where(edges[1:, None] < last, upper_slope, 1.0)
+    fall = np.where(edges[1:, None] < last_line, upper_slope, 1.0)
 
     weights = np.where(line <= end[:, None], np.sin(np.pi / 2 * np.minimum(rise, fall)), 0.0)
     return first, np.repeat(weights.astype(np.float32), 2, axis=1)

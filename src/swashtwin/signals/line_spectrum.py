@@ -20,7 +20,7 @@ SHAFT_MARKS = 2
 PISTON_MARKS = 5
 """Multiples of the piston-pass frequency that are marked."""
 MARK_TOLERANCE = 0.006
-"""Half-width [relative] within which a marked line is looked for: a speed wanders so much."""
+"""Half-width [relative] within which a marked line is searched: speeds wander by this much."""
 
 
 @dataclass(frozen=True)

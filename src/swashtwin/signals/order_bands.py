@@ -8,13 +8,12 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from swashtwin.foundation import InputError
+from swashtwin.signals.band_powers import MIN_POWER
 
 SPEED_VARIATION = 0.004
 """Half-width of the speed's variation [relative] over which a piston pass is summed."""
 FLOOR_QUANTILE = 0.25
 """Quantile of a band's cells that is its noise floor: lines fill less than the other cells."""
-MIN_POWER = 1e-30
-"""Smallest power whose logarithm is taken, so that an empty band stays finite."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""From time to turns: where the shaft stood at each sample, and the recording along its angle.
+"""From time to turns: the angle of the shaft at each sample, and the recording along that angle.
 
 A speed that wanders by half a percent smears the line at order 100 over half an order; along the
 shaft's angle it is sharp. The angle comes from a tachometer channel (`tachometer_angle`), from
@@ -56,9 +56,9 @@ class ShaftAngle:
         n_samples = recording.signal.shape[1]
         if len(self.angle) != n_samples or self.sample_rate != recording.sample_rate:
             raise InputError(
-                f"{recording.recording_id} has {n_samples} samples at {recording.sample_rate:g} Hz, "
-                f"the angle {len(self.angle)} at {self.sample_rate:g} Hz; take the angle from this "
-                "recording."
+                f"{recording.recording_id} has {n_samples} samples at "
+                f"{recording.sample_rate:g} Hz, the angle {len(self.angle)} at "
+                f"{self.sample_rate:g} Hz; take the angle from this recording."
             )
 
 
@@ -92,9 +92,10 @@ def specified_angle(recording: Recording) -> ShaftAngle:
 
 
 RISE_SHARE = 0.6
-"""Share of the signal's range through which it rises where a pulse begins, ..."""
+"""Share of the signal's range above which a pulse has begun."""
 FALL_SHARE = 0.4
-"""... once it has fallen through this one; two shares, so that noise counts no pulse twice."""
+"""Share of the range below which it has ended. Two thresholds, so that noise counts no pulse twice.
+"""
 MAX_INTERVAL_RATIO = 1.5
 """Ratio of an interval to its neighbors from which a pulse was missed or counted twice."""
 MIN_PULSES = 3
@@ -204,17 +205,15 @@ def _interpolate_angle(
     """Return the angle at each sample, which continues at the nearest interval's speed."""
     sample = np.arange(n_samples, dtype=float)
     angle: np.ndarray = PchipInterpolator(pulses, marks)(np.clip(sample, pulses[0], pulses[-1]))
-    first = (marks[1] - marks[0]) / (pulses[1] - pulses[0])
-    last = (marks[-1] - marks[-2]) / (pulses[-1] - pulses[-2])
-    return (
-        angle
-        + np.minimum(sample - pulses[0], 0) * first
-        + np.maximum(sample - pulses[-1], 0) * last
-    )
+    first_rate = (marks[1] - marks[0]) / (pulses[1] - pulses[0])
+    last_rate = (marks[-1] - marks[-2]) / (pulses[-1] - pulses[-2])
+    lead_in = np.minimum(sample - pulses[0], 0) * first_rate
+    lead_out = np.maximum(sample - pulses[-1], 0) * last_rate
+    return angle + lead_in + lead_out
 
 
 OVERSAMPLING = 4
-"""Factor by which samples are first made denser, so that a cubic between them is exact to 1e-3 below
+"""Factor by which samples are first made denser: a cubic between them is then exact to 1e-3 below
 0.4 of the sample rate.
 """
 MAX_FINE_STEPS = 64
@@ -232,13 +231,13 @@ def resample_by_angle(
 ) -> Recording:
     """Return the recording at even steps of the shaft's angle, as if the shaft turned steadily.
 
-    Sample 0 lies at a whole multiple of 2 pi. Orders from half of `samples_per_turn` on are cut
-    off in the angle domain, where the cut lies at the same order however the speed changed. The new
+    Sample 0 lies at a whole multiple of 2 pi. Orders from half of `samples_per_turn` on are cut off
+    along the angle, so that the cut lies at the same order however the speed changed. The new
     `sample_rate` is `samples_per_turn` times the shaft frequency at which the turns are played
-    back, so that order k stands at k times that frequency and every function on recordings works as
-    before; the attributes state ``domain = angle``, the samples per turn, and the source of the
-    angle. The condition stays that of the measurement; what lay in time (a resonance, mains hum) is
-    smeared as the speed changes.
+    back: order k stands at k times that frequency, and every function on recordings works as
+    before. The attributes state ``domain = angle``, the samples per turn, and the source of the
+    angle. The operating point stays that of the measurement. What is fixed in time (a resonance,
+    mains hum) is smeared as the speed changes.
 
     Parameters
     ----------
@@ -296,9 +295,10 @@ def _samples_at_steps(
 ) -> tuple[Float[np.ndarray, " step"], int]:
     """Return the sample, with its fraction, at each fine step of the angle.
 
-    And the number of fine steps in a requested one: fine enough for the slowest part, so that
-    nothing is aliased there.
+    The second value is the number of fine steps in a requested one. It suits the slowest part
+    of the recording, so that nothing is aliased there.
     """
+    # A percentile, because noise of the angle may make the speed of single samples very low.
     slowest_shaft = float(np.percentile(angle.speed, 1)) / (2 * math.pi)
     density = angle.sample_rate / (samples_per_turn * max(slowest_shaft, 1e-9))
     n_fine = math.ceil(min(max(density, 1.0), MAX_FINE_STEPS))

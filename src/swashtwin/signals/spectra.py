@@ -1,7 +1,7 @@
 """Tapers, transforms, power densities and lines: the one module where signals become spectra.
 
-Spectra are one-sided and, where not called power, give peak amplitudes: a sine of amplitude 1 reads
-1. Only networks and other code that torch differentiates call `torch.fft` themselves.
+Spectra are one-sided. They give peak amplitudes unless they are called power: a sine of amplitude 1
+reads 1. Only networks and other code that torch differentiates call `torch.fft` themselves.
 """
 
 import math
@@ -39,14 +39,9 @@ def _cached_taper(count: int, symmetric: bool) -> Float[np.ndarray, " time"]:
     return taper
 
 
-def transform(
-    signal: Float[np.ndarray, "*batch time"], count: int | None = None
-) -> Complex[np.ndarray, "*batch line"]:
-    """Return the one-sided discrete Fourier transform along the last axis, unscaled.
-
-    `count` pads the signal with zeros.
-    """
-    return np.asarray(scipy.fft.rfft(signal, count, axis=-1))
+def transform(signal: Float[np.ndarray, "*batch time"]) -> Complex[np.ndarray, "*batch line"]:
+    """Return the one-sided discrete Fourier transform along the last axis, unscaled."""
+    return np.asarray(scipy.fft.rfft(signal, axis=-1))
 
 
 def inverse_transform(
@@ -87,7 +82,7 @@ def signal_envelope(signal: Float[np.ndarray, "*batch time"]) -> Float[np.ndarra
     return envelope
 
 
-AT_ONCE = 1 << 16
+MAX_BLOCK_SAMPLES = 1 << 16
 """Samples of each channel that are transformed together: they stay in the processor's cache."""
 
 
@@ -111,7 +106,7 @@ def power_density(
     segments = segments[..., ::hop, :]
 
     density = np.zeros((*segments.shape[:-2], length // 2 + 1))
-    at_once = max(1, AT_ONCE // length)
+    at_once = max(1, MAX_BLOCK_SAMPLES // length)
     for first in range(0, segments.shape[-2], at_once):
         part = segments[..., first : first + at_once, :]
         part = (part - part.mean(axis=-1, keepdims=True)) * taper
@@ -268,10 +263,7 @@ def order_spectrum(
     for index, (center, half_width) in enumerate(zip(centers, half_widths, strict=True)):
         distance = np.abs(frequency - center)
         is_inside = distance <= half_width
-        is_beside = is_free & (distance <= max(2 * half_width, half_width + 6 * line_width))
-        if is_beside.sum() < MIN_FLOOR_BINS:
-            nearest = np.sort(distance[is_free])[:MIN_FLOOR_BINS]
-            is_beside = is_free & (distance <= nearest.max(initial=0))
+        is_beside = _floor_bins(distance, is_free, half_width, line_width)
         # The median of a periodogram of noise is ln 2 of its mean.
         noise_density = np.median(density[..., is_beside], axis=-1) / math.log(2)
         floor[..., index] = noise_density * is_inside.sum() * line_width
@@ -280,6 +272,23 @@ def order_spectrum(
 
     amplitude, deviation = _amplitude_and_deviation(power, floor)
     return OrderSpectrum(np.asarray(orders), shaft_frequency, amplitude, deviation)
+
+
+def _floor_bins(
+    distance: Float[np.ndarray, " frequency"],
+    is_free: np.ndarray,
+    half_width: float,
+    line_width: float,
+) -> np.ndarray:
+    """Return which bins show the noise under a line: free ones beside its band.
+
+    If there are too few, the nearest `MIN_FLOOR_BINS` free ones are taken, however far they are.
+    """
+    is_beside = is_free & (distance <= max(2 * half_width, half_width + 6 * line_width))
+    if is_beside.sum() < MIN_FLOOR_BINS:
+        nearest_distances = np.sort(distance[is_free])[:MIN_FLOOR_BINS]
+        is_beside = is_free & (distance <= nearest_distances.max(initial=0))
+    return is_beside
 
 
 def _require_orders(
@@ -337,12 +346,12 @@ def synchronous_signal(
     revolution = periodic_signal(all_lines, n_grid)
 
     position = np.mod(angle, 2 * np.pi) * (n_grid / (2 * np.pi))
-    left = position.astype(np.int64) % n_grid
+    index = position.astype(np.int64) % n_grid
     weight = position - np.floor(position)
-    return revolution[:, left] * (1 - weight) + revolution[:, (left + 1) % n_grid] * weight
+    return revolution[:, index] * (1 - weight) + revolution[:, (index + 1) % n_grid] * weight
 
 
-def aligned(
+def align_waveform(
     measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel longer"]
 ) -> Float[np.ndarray, "channel time"]:
     """Return the stretch of `simulated` that correlates best with `measured`.
@@ -397,20 +406,17 @@ def spectrum_value_error(
 
 
 LEVEL_RANGE_DB = 60.0
-"""Lines further below the strongest measured one count as if they were 60 dB below it: there is only
-noise.
-"""
+"""Range below the strongest measured line within which lines are compared; below it is noise."""
 
 
 def spectral_correlation(
     measured: Float[np.ndarray, "channel order"], simulated: Float[np.ndarray, "channel order"]
 ) -> float:
-    """Return Pearson's correlation of the levels in dB, over all channels and orders.
+    """Return Pearson's correlation of two spectra in dB, over all channels and orders.
 
-    1 is a spectrum of the same shape. A level is 20 log10 of the amplitude, no lower than 60 dB
-    below the strongest measured line
-    (`LEVEL_RANGE_DB`), the same floor for both sides. A common gain does not change it. It is 0 if
-    the levels of one side are all equal.
+    1 is a spectrum of the same shape, and a common gain does not change it. Amplitudes of both
+    spectra count as at least `LEVEL_RANGE_DB` below the strongest measured line. The correlation is
+    0 if one of the spectra is constant.
 
     Examples
     --------

@@ -29,7 +29,7 @@ MIN_PROMINENCE = 10.0
 MIN_QUALITY = 0.5
 """Share of the time in which the line must stand clear."""
 N_PASSES = 3
-"""Corrections of the angle by the line's phase; the third one changes it hardly."""
+"""Corrections of the angle by the line's phase; the third one hardly changes it."""
 VALUES_PER_TURN = 16
 """Minimum number of values of the line per revolution."""
 NOISE_HALF_WIDTH = 0.1
@@ -42,28 +42,29 @@ def track_shaft_angle(
     recording: Recording,
     *,
     order: int | Sequence[int],
-    near: float | None = None,
+    expected_speed: float | None = None,
     search: float = 0.03,
 ) -> ShaftAngle:
     """Return the angle of the shaft from the line at `order`, followed through the recording.
 
-    All channels are used together. First the strongest path of the line through short spectra (8
-    revolutions each), steps between them being costly; then, three times over, the line is turned
-    to zero frequency with the angle so far, everything 0.4 orders away from it is cut off, the
-    channels are added so that the line is strongest, and its phase corrects the angle; the first
-    and the last revolution continue at their neighbors' speed. The angle's error comes from the
-    noise half an order from the line, or from how far its power fluctuates within 8 revolutions if
-    that is more; what the line's own path adds to its phase (a resonance that it crosses as the
-    speed changes) cannot be separated from the shaft's turning. Angle 0 is where the line peaks, an
-    arbitrary position of the shaft.
+    All channels are used together. The first estimate is the strongest path of the line through
+    short spectra (8 revolutions each), in which every step costs something. Three times over, the
+    line is then turned to zero frequency with the angle so far, everything 0.4 orders away from it
+    is cut off, the channels are added so that the line is strongest, and its phase corrects the
+    angle. The first and the last revolution continue at their neighbors' speed.
+
+    The angle's error comes from the noise half an order from the line, or from how far its power
+    fluctuates within 8 revolutions if that is more. What the line's own path adds to its phase (a
+    resonance that it crosses as the speed changes) cannot be separated from the shaft's turning.
+    Angle 0 is a peak of the line, an arbitrary position of the shaft.
 
     Parameters
     ----------
     order : multiple of the shaft frequency to follow, such as the number of pistons, or several, of
         which the one with the smallest error of the angle is taken: the piston-pass line itself may
         be weaker than its harmonics. Of several, those that reach half the sample rate are skipped.
-    near : angular speed of the shaft near which the line is searched [rad/s]; by default the
-        recording's own, or the specified one.
+    expected_speed : angular speed of the shaft near which the line is searched [rad/s]; by default
+        that of each sample of the recording, or the specified one.
     search : largest relative distance of the speed from it; below 1 / (2 `order`), or a neighboring
         line may be taken.
 
@@ -75,7 +76,7 @@ def track_shaft_angle(
         The recording is shorter than 16 revolutions, or the line stands clear for less than half of
         it.
     """
-    start = _starting_angle(recording, near)
+    start = _starting_angle(recording, expected_speed)
     orders = [order] if isinstance(order, int) else list(order)
     if not orders:
         raise InputError("Specify at least one order to follow, such as the number of pistons.")
@@ -89,7 +90,7 @@ def track_shaft_angle(
             f"search ({search:g}) is relative to the speed and must lie in (0, 1); 3 % is 0.03."
         )
 
-    # At the highest speed that the search may reach [Hz].
+    # The highest shaft frequency that the search may reach [Hz].
     max_shaft = start.speed.max() / (2 * math.pi) * (1 + search)
     nyquist = recording.sample_rate / 2
     candidates = [order for order in orders if max_shaft * (order + BANDWIDTH) < nyquist]
@@ -106,21 +107,24 @@ def track_shaft_angle(
         try:
             angles.append(_follow_line(recording, start, candidate, search))
         except DataError as error:
+            # Another order may still stand clear; the first failure is reported if none does.
             errors.append(error)
     if not angles:
         raise errors[0]
     return min(angles, key=lambda angle: angle.deviation)
 
 
-def _starting_angle(recording: Recording, near: float | None) -> ShaftAngle:
+def _starting_angle(recording: Recording, expected_speed: float | None) -> ShaftAngle:
     """Return the angle that a given or specified speed adds up to."""
-    if near is None:
+    if expected_speed is None:
         return specified_angle(recording)
-    if not (math.isfinite(near) and near > 0):
+    if not (math.isfinite(expected_speed) and expected_speed > 0):
         raise InputError(
-            f"near ({near:g} rad/s) must be a positive speed: 860 rev/min is rpm(860)."
+            f"expected_speed ({expected_speed:g} rad/s) must be a positive speed: 860 rev/min is "
+            "rpm(860)."
         )
-    return ShaftAngle(near * recording.time, recording.sample_rate, math.nan, math.nan, "near")
+    angle = expected_speed * recording.time
+    return ShaftAngle(angle, recording.sample_rate, math.nan, math.nan, "the expected speed")
 
 
 def _follow_line(recording: Recording, start: ShaftAngle, order: int, search: float) -> ShaftAngle:
@@ -131,6 +135,7 @@ def _follow_line(recording: Recording, start: ShaftAngle, order: int, search: fl
             f"{name}: {start.turns:.1f} revolutions; following a line needs {2 * RIDGE_TURNS}."
         )
 
+    # The phase is ambiguous by whole turns of the line: the ridge brings it within half a turn.
     line = _Line.of(recording, start, order, search)
     change = _find_ridge(line, start, search)
     for _ in range(N_PASSES):
@@ -156,14 +161,14 @@ def _follow_line(recording: Recording, start: ShaftAngle, order: int, search: fl
 def _continue_ends(change: Float[np.ndarray, " value"], turn: int) -> Float[np.ndarray, " value"]:
     """Return a change of the angle whose first and last revolution continue their neighbors' pace.
 
-    There, filters see half of the line only.
+    Filters see only half of the line there.
     """
     first_pace = (change[2 * turn] - change[turn]) / turn
     last_start = len(change) - 2 * turn - 1
     last_pace = (change[last_start + turn] - change[last_start]) / turn
-    before = change[turn] - first_pace * np.arange(turn, 0, -1)
-    after = change[-turn - 1] + last_pace * np.arange(1, turn + 1)
-    return np.concatenate([before, change[turn:-turn], after])
+    first_turn = change[turn] - first_pace * np.arange(turn, 0, -1)
+    last_turn = change[-turn - 1] + last_pace * np.arange(1, turn + 1)
+    return np.concatenate([first_turn, change[turn:-turn], last_turn])
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,18 +204,18 @@ class _Line:
             per_turn=recording.sample_rate / decimation / shaft,
         )
 
-    def near(
+    def isolate(
         self,
         change: Float[np.ndarray, " value"],
         half_width: float = BANDWIDTH,
         offset: float = 0.0,
     ) -> Complex[np.ndarray, "channel value"]:
-        """Return what lies within `half_width` orders of the line, or of a place near it.
+        """Return the part of the signal within `half_width` orders of the line, or beside it.
 
         Parameters
         ----------
         change : change of the angle [rad].
-        offset : distance of that place from the line [orders].
+        offset : distance of the band's center from the line [orders].
         """
         phase = self.order * change + offset * (self.turn + change)
         turned = self.values * np.exp(-1j * phase)
@@ -221,7 +226,7 @@ class _Line:
         self, change: Float[np.ndarray, " value"]
     ) -> tuple[Complex[np.ndarray, " value"], Complex[np.ndarray, " channel"]]:
         """Return the sum of the channels that holds most of the line's power, and its weights."""
-        lines = self.near(change)
+        lines = self.isolate(change)
         weights = np.linalg.eigh(lines @ lines.conj().T)[1][:, -1].conj()
         return weights @ lines, weights
 
@@ -243,6 +248,7 @@ def _find_ridge(line: _Line, start: ShaftAngle, search: float) -> Float[np.ndarr
         angle = line.turn[part] - line.turn[begin]
         turning = np.exp(-1j * line.order * np.outer(angle, speeds))
         channel_power = np.abs((line.values[:, part] * taper) @ turning) ** 2
+        # Each channel over its mean, so that a loud channel does not outvote the others.
         mean = np.maximum(channel_power.mean(axis=1, keepdims=True), 1e-300)
         power[row] = (channel_power / mean).sum(axis=0)
 
@@ -289,12 +295,12 @@ def _fluctuating_noise(power: Float[np.ndarray, " value"], block: int) -> float:
 def _judge_line(line: _Line, change: Float[np.ndarray, " value"], name: str) -> tuple[float, float]:
     """Return the deviation of the angle [rad], and the share of time in which the line is clear.
 
-    By the noise half an order from the line.
+    The noise is read off half an order from the line.
     """
     strongest, weights = line.strongest(change)
     noise_medians = []
     for offset in (-0.5, 0.5):
-        noise_power = np.abs(weights @ line.near(change, NOISE_HALF_WIDTH, offset)) ** 2
+        noise_power = np.abs(weights @ line.isolate(change, NOISE_HALF_WIDTH, offset)) ** 2
         noise_medians.append(np.median(noise_power))
     # The power of noise is distributed exponentially, whose median is ln 2 of its mean.
     noise_mean = float(np.mean(noise_medians)) / math.log(2)
@@ -308,14 +314,15 @@ def _judge_line(line: _Line, change: Float[np.ndarray, " value"], name: str) -> 
     quality = float(np.mean(power > MIN_PROMINENCE * noise))
     if quality < MIN_QUALITY:
         raise DataError(
-            f"{name}: the line at order {line.order} stands clear of the noise for {quality:.0%} of "
-            "the time only: follow a stronger one, correct the speed, or use a tachometer channel."
+            f"{name}: the line at order {line.order} stands clear of the noise for {quality:.0%} "
+            "of the time only: follow a stronger one, correct the speed, or use a tachometer "
+            "channel."
         )
     return math.sqrt(noise / (2 * float(np.median(power)))) / line.order, quality
 
 
 N_SPEED_LINES = 3
-"""Lowest piston-pass lines, by which the speed is found."""
+"""Lowest piston-pass lines, from which the speed is estimated."""
 N_ANGLE_LINES = 6
 """Lowest piston-pass lines, the clearest of which gives the angle."""
 MAX_SPEED_ERROR = 0.02
@@ -349,7 +356,9 @@ def piston_pass_angle(recording: Recording, piston_count: int) -> ShaftAngle:
         return track_shaft_angle(recording, order=lines, search=fine_search)
 
     if recording.speed is None:
-        return track_shaft_angle(recording, order=lines, near=coarse.mean_speed, search=fine_search)
+        return track_shaft_angle(
+            recording, order=lines, expected_speed=coarse.mean_speed, search=fine_search
+        )
     # A run-up has no single speed to search near, but one for each sample.
     with_speed = recording.replace(speed=np.maximum(coarse.speed, 0))
     return track_shaft_angle(with_speed, order=lines, search=fine_search)

@@ -47,6 +47,18 @@ class TrendPoint:
     status: Status
     """Whether the value lies more than k spreads off."""
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the point for JSON."""
+        return {
+            **self.row.facts,
+            "value": self.value,
+            "healthy": self.healthy,
+            "baseline_median": self.median,
+            "baseline_spread": self.spread,
+            "baseline_count": self.count,
+            "status": self.status,
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class Trend:
@@ -70,26 +82,13 @@ class Trend:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the trend for JSON."""
-        points = []
-        for point in self.points:
-            points.append(
-                {
-                    **point.row.facts,
-                    "value": point.value,
-                    "healthy": point.healthy,
-                    "baseline_median": point.median,
-                    "baseline_spread": point.spread,
-                    "baseline_count": point.count,
-                    "status": point.status,
-                }
-            )
         return {
             "indicator": self.indicator.name,
             "unit": self.indicator.unit,
             "channel": self.channel,
             "k": self.k,
             "by": self.by,
-            "points": points,
+            "points": [point.to_dict() for point in self.points],
             "flagged": [point.row.recording_id for point in self.flagged],
         }
 
@@ -154,7 +153,7 @@ def trend_of(
 
 
 def _matches_any(row: Row, patterns: Sequence[str]) -> bool:
-    """Return whether a row is of one of the classes or ids."""
+    """Return whether the class or the id of a row matches one of the patterns."""
     return any(
         is_same_class(row.label, pattern) or fnmatch(row.recording_id, pattern)
         for pattern in patterns
@@ -178,14 +177,14 @@ def _compare_with_baseline(
     """Return one recording against the healthy others at its operating point."""
     row, value = series[index]
     baseline = [
-        other_value
-        for number, (other, other_value) in enumerate(series)
+        candidate_value
+        for number, (candidate, candidate_value) in enumerate(series)
         if number != index
         and is_healthy[number]
-        and math.isfinite(other_value)
-        and other.specimen == row.specimen
-        and values_match(other.speed, row.speed, SPEED_TOLERANCE)
-        and values_match(other.pressure, row.pressure, PRESSURE_TOLERANCE)
+        and math.isfinite(candidate_value)
+        and candidate.specimen == row.specimen
+        and values_match(candidate.speed, row.speed, SPEED_TOLERANCE)
+        and values_match(candidate.pressure, row.pressure, PRESSURE_TOLERANCE)
     ]
     count = len(baseline)
     if count < MIN_BASELINE or not math.isfinite(value):

@@ -3,7 +3,6 @@
 from .background import DEFAULT_VARIATION as DEFAULT_VARIATION
 from .background import Variation as Variation
 from .background import draw_twin as draw_twin
-from .fidelity import DistinguishingFeature as DistinguishingFeature
 from .fidelity import Fidelity as Fidelity
 from .fidelity import discriminative_score as discriminative_score
 from .fidelity import measure_fidelity as measure_fidelity
@@ -13,9 +12,6 @@ from .order_changes import OrderChanges as OrderChanges
 from .order_changes import simulate_changes as simulate_changes
 from .pump_prior import PumpPrior as PumpPrior
 from .pump_prior import operating_range as operating_range
-from .pump_prior import plausible_fault as plausible_fault
-from .twin_windows import Background as Background
-from .twin_windows import SyntheticWindows as SyntheticWindows
 from .twin_windows import build_windows as build_windows
 from .twin_windows import require_count as require_count
 from .twin_windows import simulate_windows as simulate_windows

@@ -97,7 +97,7 @@ _LINE_HALF_WIDTH = 2.5
 
 @dataclass(frozen=True, eq=False)
 class BackgroundNoise:
-    """Noise with the spectrum of measured windows between the piston-pass lines, in random phase."""
+    """Noise of random phase with the spectrum of measured windows between piston-pass lines."""
 
     like: WindowSet
     windows: Int[np.ndarray, " window"]

@@ -55,7 +55,7 @@ class Fidelity:
     """How well synthetic windows can be separated from measured ones, and by which features."""
 
     auroc: float | None
-    """`discriminative_score`; None if the measured or the synthetic windows are of one recording."""
+    """`discriminative_score`; None if one side has windows of a single recording only."""
     spectral_distance_db: Mapping[str, float]
     features: tuple[DistinguishingFeature, ...]
     """The features that separate best, the best first."""

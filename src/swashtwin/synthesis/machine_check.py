@@ -79,8 +79,8 @@ def _check_quantity(quantity: str, simulated: np.ndarray, measured: np.ndarray) 
         measured,
         quantity=quantity,
         subject="the twin runs",
-        remedy=f"Calibrate a twin on these recordings, or set {{{quantity}}} to that of the windows "
-        "you want.",
+        remedy=f"Calibrate a twin on these recordings, or set {{{quantity}}} to that of the "
+        "windows you want.",
     )
     if np.isnan(measured).all():
         return [f"The recordings specify no {quantity}, so that of the twin cannot be checked."]

@@ -1,4 +1,4 @@
-"""Changes that faults make to the order spectra of virtual pumps, from which a pump prior learns."""
+"""Changes of the order spectra of virtual pumps by faults, from which a pump prior learns."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,31 +11,31 @@ from joblib import delayed
 from swashtwin.foundation import InputError, SwashTwinError, parallel, random_stream
 from swashtwin.pump import CLASSES
 from swashtwin.signals import OrderBands
-from swashtwin.synthesis.pump_prior import OTHER, PumpPrior, draw_drawing
+from swashtwin.synthesis.pump_prior import OTHER_TROUBLE, PumpPrior, draw_drawing
 from swashtwin.synthesis.virtual_pump import CELLS, VirtualPump
 
 # Healthy recordings of a virtual pump, of which one to all are its reference.
 _REFERENCES = 4
 
 # Classes of the recordings of a virtual pump that are compared with its references.
-_TESTED = ("normal", "normal", *(label for label in CLASSES if label != "normal"), OTHER)
+_TESTED = ("normal", "normal", *(label for label in CLASSES if label != "normal"), OTHER_TROUBLE)
 
 
 @dataclass(frozen=True, eq=False)
 class OrderChanges:
-    """Changes of the levels of simulated recordings against healthy ones of the same pumps."""
+    """Changes of the band powers of simulated recordings against healthy ones of the same pumps."""
 
     bands: OrderBands
-    """Bands of the drawing's levels; a pump with another number of pistons has as many."""
-    change: Float[np.ndarray, "recording channel level"]
-    """Level (`OrderBands.log_powers`), less its mean over the pump's reference recordings."""
+    """Bands of the drawing; a pump with another number of pistons has as many."""
+    change: Float[np.ndarray, "recording channel band"]
+    """`OrderBands.log_powers`, less their mean over the pump's reference recordings."""
     label: Shaped[np.ndarray, " recording"]
     pump: Int[np.ndarray, " recording"]
     """Row of its pump."""
-    scatter: Float[np.ndarray, "pump channel level"]
-    """Standard deviation of the levels between healthy recordings of each pump."""
-    drawn: Bool[np.ndarray, " pump"]
-    """Whether each pump has a drawing of its own."""
+    scatter: Float[np.ndarray, "pump channel band"]
+    """Standard deviation of the band powers between healthy recordings of each pump."""
+    has_own_drawing: Bool[np.ndarray, " pump"]
+    """Whether each pump has another drawing than the prior's."""
 
 
 def simulate_changes(
@@ -48,7 +48,7 @@ def simulate_changes(
 ) -> OrderChanges:
     """Simulate `count` virtual pumps, healthy and with each fault.
 
-    Every second pump has a drawing of its own (`draw_drawing`), because no machine is exactly its
+    Every second pump has another drawing (`draw_drawing`), because no machine is exactly its
     drawing. Only spectra of the steady state are computed, no samples: about 0.1 s of one core for
     a pump. A pump does not depend on how many are drawn with it.
 
@@ -91,7 +91,7 @@ def simulate_changes(
         label=np.tile(np.array(_TESTED), n_pumps),
         pump=np.repeat(np.arange(n_pumps), len(_TESTED)),
         scatter=np.stack(scatter),
-        drawn=np.array(has_drawing, dtype=bool),
+        has_own_drawing=np.array(has_drawing, dtype=bool),
     )
 
 
@@ -101,7 +101,7 @@ def _has_own_drawing(number: int) -> bool:
 
 def _simulate_pump(
     prior: PumpPrior, seed: int, number: int
-) -> tuple[Float[np.ndarray, "recording channel level"], Float[np.ndarray, "channel level"]] | None:
+) -> tuple[Float[np.ndarray, "recording channel band"], Float[np.ndarray, "channel band"]] | None:
     """Return the changes of one pump and its healthy scatter.
 
     None if the chamber pressures of a recording do not converge.
@@ -117,10 +117,10 @@ def _simulate_pump(
     except SwashTwinError:
         return None
 
-    levels = bands.log_powers(power, 1 / CELLS)
+    band_powers = bands.log_powers(power, 1 / CELLS)
     n_references = int(rng.integers(1, _REFERENCES + 1))
-    reference = levels[:n_references].mean(axis=0)
-    scatter = levels[:_REFERENCES].std(axis=0, ddof=1)
-    changes = levels[_REFERENCES:] - reference
+    reference = band_powers[:n_references].mean(axis=0)
+    scatter = band_powers[:_REFERENCES].std(axis=0, ddof=1)
+    changes = band_powers[_REFERENCES:] - reference
     # Half precision is enough: 2,000 pumps have some 20 million changes.
     return changes.astype(np.float16), scatter.astype(np.float16)

@@ -37,8 +37,8 @@ class PumpPrior:
     pressure: tuple[float, float] = (0.15, 1.15)
     """Range of the discharge pressure over the rated one, uniform."""
     interfaces: float = 0.7
-    """Spread of each interface value from pump to pump: 95 % lie within a factor of four of the drawing
-    (physics.md, 4: a film of 7.5 or of 10 um).
+    """Spread of each interface value from pump to pump: 95 % lie within a factor of four of the
+    drawing (physics.md, 4: a film of 7.5 or of 10 um).
     """
     assembly: float = 0.15
     """Spread of each interface value from one assembly of a pump to the next."""
@@ -146,7 +146,7 @@ def log_uniform(rng: np.random.Generator, limits: tuple[float, float]) -> float:
     return float(np.exp(rng.uniform(*np.log(limits))))
 
 
-def drawn_modes(
+def draw_modes(
     rng: np.random.Generator,
     count: int,
     channels: int,
@@ -171,11 +171,11 @@ def smooth_curves(
     """Return random curves over the logarithm of the frequency, linear between six knots."""
     log_frequency = np.log(frequency)
     knots = np.linspace(log_frequency[0], log_frequency[-1], _N_KNOTS)
-    right = np.searchsorted(knots, log_frequency).clip(1, _N_KNOTS - 1)
-    left = right - 1
-    share = (log_frequency - knots[left]) / (knots[right] - knots[left])
+    upper = np.searchsorted(knots, log_frequency).clip(1, _N_KNOTS - 1)
+    lower = upper - 1
+    share = (log_frequency - knots[lower]) / (knots[upper] - knots[lower])
     values = rng.normal(0, deviation, (*shape, _N_KNOTS))
-    return np.asarray(values[..., left] * (1 - share) + values[..., right] * share)
+    return np.asarray(values[..., lower] * (1 - share) + values[..., upper] * share)
 
 
 _N_KNOTS = 6
@@ -229,8 +229,8 @@ def draw_drawing(rng: np.random.Generator) -> Pump:
             continue
 
 
-OTHER = "other"
-"""Class of what is wrong with a pump and is not one of the four faults."""
+OTHER_TROUBLE = "other"
+"""Class of all troubles of a pump other than the four faults."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,6 +289,9 @@ def plausible_fault(label: str, rng: np.random.Generator) -> Fault | None:
     return None
 
 
+FORCE_REVERSALS = (math.radians(8), math.radians(188))
+"""Angles of a piston [rad] at which the force on it changes its sign."""
+
 # Kinds of trouble that the four classes do not contain.
 _OTHER_KINDS = (
     "sealing_land",
@@ -308,8 +311,8 @@ _ALONG_SLIPPERS, _ACROSS_BORE, _ALONG_VALVE_PLATE = range(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Troubles:
-    """Draws what is wrong in recordings of one pump."""
+class TroubleSource:
+    """Draws what is wrong in each recording of one pump."""
 
     prior: PumpPrior
     rng: np.random.Generator
@@ -317,11 +320,11 @@ class Troubles:
     """0: a twin's pump; 1: its faults strike; 2: they also raise the noise floor."""
     pump: Pump
 
-    def of(self, label: str) -> Trouble:
+    def draw(self, label: str) -> Trouble:
         """Draw what is wrong in a recording of a class."""
         if label == "normal":
             return Trouble()
-        if label == OTHER:
+        if label == OTHER_TROUBLE:
             return self._other()
 
         fault = plausible_fault(label, self.rng)
@@ -371,7 +374,7 @@ class Troubles:
     def _impacts(self, fault: Fault) -> tuple[Impacts, ...]:
         """Draw the impacts of a fault; none in a pump whose faults do not strike.
 
-        They are at the edges of a defect, or where the force on a piston changes its sign.
+        They are at the edges of a defect, or at the `FORCE_REVERSALS` of each piston.
         """
         if not self.program:
             return ()
@@ -392,7 +395,7 @@ class Troubles:
         # Half of the other faults only leak.
         if rng.random() < 0.5:
             return ()
-        angles = self._one_or_all((math.radians(8), math.radians(188)))
+        angles = self._one_or_all(FORCE_REVERSALS)
         if isinstance(fault, PistonWear):
             shares = first_piston
             directions = [_ALONG_SLIPPERS, _ACROSS_BORE]

@@ -227,14 +227,14 @@ def _calibration_notes(
 ) -> tuple[str, ...]:
     """Return what the calibration leaves open about the sensors and the law of the fault."""
     notes: tuple[str, ...] = ()
-    read = calibration.posterior.channels
+    calibrated = calibration.posterior.channels
     sensors = [twin.pump.channels[index] for index in _sensor_indices(twin, measured.channels)]
-    unread = [name for name in sensors if name not in read]
-    if unread:
+    uncalibrated = [name for name in sensors if name not in calibrated]
+    if uncalibrated:
         notes += (
-            f"The calibration read {', '.join(read)}, but not {', '.join(unread)}: the gains of "
-            "these are those of the pump file, which no recording has checked. Calibrate on them, "
-            "or leave them out (channels = [...]).",
+            f"The calibration read {', '.join(calibrated)}, but not {', '.join(uncalibrated)}: the "
+            "gains of these are those of the pump file, which no recording has checked. Calibrate on "
+            "them, or leave them out (channels = [...]).",
         )
     if law is not None and law.apply_to(twin.fault) != twin.fault and not law.corner.is_constrained:
         notes += (
@@ -252,8 +252,8 @@ def _comparable_windows(
 ) -> WindowSet | None:
     """Return measured windows of some classes to compare synthetic ones with; None if none exist.
 
-    They are at the pressures of the synthetic ones, if there are such windows. If all windows of
-    the recordings calibrated on are of one specimen, they are those of that machine only.
+    They are at the pressures of the synthetic ones, if there are such windows. If the calibration
+    used recordings of one specimen only, they are of that machine.
     """
     is_same_class = ~like.synthetic & np.isin(like.label, labels)
     calibrated_windows = np.isin(like.recording_id, list(calibrated_on))
@@ -325,6 +325,7 @@ def simulate_windows(
         noise.gains(twin, rows) for noise, twin, rows in zip(noises, twins, sensors, strict=False)
     ]
 
+    # Each draw has an address (seed, purpose, index), so that no window depends on the chunks.
     time = np.arange(like.length) / like.sample_rate
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
     for start in range(0, count, _CHUNK):
@@ -339,14 +340,13 @@ def simulate_windows(
             kind = index % len(twins)
             rng = random_stream(seed, "window", twins[0].label, index)
             angle = rng.uniform(0, 2 * np.pi) + source.condition.speed * time
+            # The batch has the orders of all its twins; this one has those in its bandwidth.
             sensor_lines = lines[sensors[kind]][:, np.isin(batch.orders, source.orders)]
             window = synchronous_signal(sensor_lines, source.orders, angle)
             window = window * np.exp(rng.normal(0, variation.sensor, (len(like.channels), 1)))
             if noises:
-                fault_law = laws[kind]
-                noise_factor = 1.0 if fault_law is None else fault_law.noise_factor_of(source.fault)
                 noise = noises[kind].draw(rng)
-                window = gains[kind][:, None] * window + noise_factor * noise
+                window = gains[kind][:, None] * window + _noise_factor(laws[kind], source) * noise
             signal[index] = window
 
     return build_windows(
@@ -368,6 +368,13 @@ def _vary(source: Twin, law: FaultLaw | None, variation: Variation, seed: int, i
         return twin
     corner_draw = random_stream(seed, "law", twin.label, index).normal()
     return twin.with_fault(law.apply_to(twin.fault, corner_draw))
+
+
+def _noise_factor(law: FaultLaw | None, twin: Twin) -> float:
+    """Return the factor by which the law lets a fault raise the noise; 1 without a law."""
+    if law is None:
+        return 1.0
+    return law.noise_factor_of(twin.fault)
 
 
 def _draw_sources(
@@ -414,10 +421,10 @@ def _sensor_indices(twin: Twin, channels: Sequence[str]) -> list[int]:
     if len(channels) == 1 and channels[0] not in sensors:
         return [0]
 
-    missing = [name for name in channels if name not in sensors]
-    if missing:
+    unknown = [name for name in channels if name not in sensors]
+    if unknown:
         raise InputError(
-            f"The channel {missing[0]!r} of the windows is not among the twin's sensors "
+            f"The channel {unknown[0]!r} of the windows is not among the twin's sensors "
             f"({', '.join(sensors)}). Name the channels as the sensors (names), or edit "
             "[[sensors]] in the pump file."
         )

@@ -15,11 +15,12 @@ from jaxtyping import Complex, Float
 from swashtwin import physics
 from swashtwin.pump import BoreDefect, Fault, OperatingCondition, PistonWear, Pump, SwashPlateDefect
 from swashtwin.synthesis.pump_prior import (
+    FORCE_REVERSALS,
     Impacts,
     PumpPrior,
     Trouble,
-    Troubles,
-    drawn_modes,
+    TroubleSource,
+    draw_modes,
     log_uniform,
     operating_range,
     smooth_curves,
@@ -35,9 +36,6 @@ _AVERAGES = 12
 
 # Minimum factor on a piston's clearance: a normal draw could close the gap.
 _MIN_CLEARANCE = 0.3
-
-# Angles of a piston at which the force on it changes its sign.
-_FORCE_REVERSALS_DEG = (8.0, 188.0)
 
 
 @dataclass(eq=False)
@@ -57,7 +55,7 @@ class VirtualPump:
     def __post_init__(self) -> None:
         rng = self.rng
         prior = self.prior
-        self.program = int(rng.integers(3))  # see `Troubles.program`
+        self.program = int(rng.integers(3))  # see `TroubleSource.program`
         self.pump = self._draw_pump()
 
         group = self.drawing.rotating_group
@@ -87,7 +85,7 @@ class VirtualPump:
         self.irregular = rng.uniform(*prior.irregular)
         self.jitter = math.radians(rng.uniform(0, 3))
         self.one_sided = rng.random()
-        self.ringing = drawn_modes(rng, int(rng.integers(0, 4)), 1, prior.ringing, 0.5)
+        self.ringing = draw_modes(rng, int(rng.integers(0, 4)), 1, prior.ringing, 0.5)
         self.rattle = self._draw_rattle()
 
     def _draw_pump(self) -> Pump:
@@ -106,7 +104,7 @@ class VirtualPump:
         return replace(self.drawing, masses=masses, valve_plate=plate)
 
     def _draw_rattle(self) -> tuple[Impacts, ...]:
-        """Return the impacts of the healthy pump, where the force on each piston changes its sign.
+        """Return the impacts of the healthy pump, at the `FORCE_REVERSALS` of each piston.
 
         Half of the pumps whose faults strike also rattle without a fault.
         """
@@ -118,8 +116,7 @@ class VirtualPump:
         lowest, highest = self.prior.impulse
         impulse = log_uniform(rng, (lowest / 2, highest / 8))
         shares = spread(rng, 0.2, self.count)
-        angles = tuple(np.radians(_FORCE_REVERSALS_DEG))
-        return (Impacts(impulse, angles, shares, int(rng.choice([0, 2]))),)
+        return (Impacts(impulse, FORCE_REVERSALS, shares, int(rng.choice([0, 2]))),)
 
     def spectra(self, labels: tuple[str, ...]) -> Float[np.ndarray, "recording sensor cell"]:
         """Return the power of one recording of each class, in cells of an eighth of an order.
@@ -127,8 +124,8 @@ class VirtualPump:
         The first label must be that of a healthy recording: noise and foreign lines are scaled by
         its power.
         """
-        draws = Troubles(self.prior, self.rng, self.program, self.pump)
-        troubles = [draws.of(label) for label in labels]
+        trouble_source = TroubleSource(self.prior, self.rng, self.program, self.pump)
+        troubles = [trouble_source.draw(label) for label in labels]
         conditions = self._draw_conditions(len(labels))
         speeds = np.array([condition.speed for condition in conditions])
         frequency = speeds[:, None] * self.orders
@@ -154,7 +151,7 @@ class VirtualPump:
         """Return the operating point of each recording, near the one that the pump is set to."""
         prior = self.prior
         rng = self.rng
-        usual_temperature = rng.uniform(*prior.temperature)
+        mean_temperature = rng.uniform(*prior.temperature)
         speed_setting = prior.speed_setting * self.setting
         pressure_setting = prior.pressure_setting * self.setting
 
@@ -162,12 +159,12 @@ class VirtualPump:
         for _ in range(count):
             speed = self.speed * (1 + speed_setting * rng.uniform(-1, 1))
             pressure = self.pressure * (1 + pressure_setting * rng.uniform(-1, 1))
-            drift = rng.uniform(*prior.temperature) - usual_temperature
+            drift = rng.uniform(*prior.temperature) - mean_temperature
             conditions.append(
                 OperatingCondition(
                     speed=speed,
                     discharge_pressure=pressure,
-                    oil_temperature=usual_temperature + drift * self.warming,
+                    oil_temperature=mean_temperature + drift * self.warming,
                 )
             )
         return conditions
@@ -233,8 +230,8 @@ class VirtualPump:
     ) -> Complex[np.ndarray, "row sensor line"]:
         """Return what ideal sensors read of a motion."""
         gain = torch.ones(len(motion), dtype=torch.float64)
-        read: np.ndarray = physics.read_sensors(self.structure, frequency, motion, gain).numpy()
-        return read
+        signal: np.ndarray = physics.read_sensors(self.structure, frequency, motion, gain).numpy()
+        return signal
 
     def _draw_mixing(self, count: int) -> Float[np.ndarray, "recording sensor sensor"]:
         """Return how much each sensor (row) reads of each direction (column), by recording."""
@@ -344,7 +341,7 @@ class VirtualPump:
         """Return the factor of housing, mounting and gain on what each sensor reads."""
         prior = self.prior
         rng = self.rng
-        modes = drawn_modes(rng, prior.modes, self.sensors, prior.mode_frequency, prior.mode_share)
+        modes = draw_modes(rng, prior.modes, self.sensors, prior.mode_frequency, prior.mode_share)
         housing = modes.response(torch.as_tensor(hertz)).numpy()
 
         resonance = np.array([log_uniform(rng, prior.mounting) for _ in range(self.sensors)])
@@ -377,15 +374,17 @@ class VirtualPump:
         size = log_uniform(rng, prior.noise) ** 2 * spread(rng, 0.3, (self.sensors, 1)) * share
 
         deviation = log_uniform(rng, prior.noise_scatter)
-        level = rng.normal(0, deviation, (len(troubles), 1, 1))
-        level = level + smooth_curves(rng, deviation / 2, (len(troubles), self.sensors), frequency)
+        log_power = rng.normal(0, deviation, (len(troubles), 1, 1))
+        log_power = log_power + smooth_curves(
+            rng, deviation / 2, (len(troubles), self.sensors), frequency
+        )
 
         rise = np.array([trouble.noise for trouble in troubles])[:, None, None]
         rise_corner = log_uniform(rng, (50.0, 3000.0))
         rise_slope = rng.uniform(0, 2)
         high_pass = 1 / (1 + (rise_corner / frequency) ** rise_slope)
         shape = high_pass * np.exp(smooth_curves(rng, 0.3, (len(troubles), 1), frequency))
-        return np.asarray(size * np.exp(level + rise * shape))
+        return np.asarray(size * np.exp(log_power + rise * shape))
 
     def _smear(self) -> Float[np.ndarray, "order cell"]:
         """Return the share of each line's power in each cell.

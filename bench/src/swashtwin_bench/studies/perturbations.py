@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from swashtwin.foundation import random_stream
-from swashtwin.learning import WindowSet, at_other_speeds, with_gains
+from swashtwin.learning import WindowSet, with_gains, with_speed_changes
 from swashtwin.recordings import Recording
 from swashtwin.signals import NoiseKind, add_noise
 from swashtwin_bench.studies.dataset import StudyDataset, cut_again
@@ -47,7 +47,7 @@ class Perturbation:
         if self.kind == "gain":
             changed = with_gains(window, self.size, rng)[0]
         elif self.kind == "speed":
-            changed = at_other_speeds(window, self.size, rng)[0]
+            changed = with_speed_changes(window, self.size, rng)[0]
         else:
             changed = add_noise(
                 signal, self.size, repeat, name, kind=self.kind, sample_rate=recording.sample_rate

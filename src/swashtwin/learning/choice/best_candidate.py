@@ -36,9 +36,9 @@ def fit_best_candidate(
     """Train the candidate that `choose_candidate` chooses, with a cross-fitted confidence.
 
     If folds leave machines out and recordings have at least 4,096 samples, heads on whole
-    recordings join it (`RecordingModel`), each tempered by its answers to held-out machines. If no
-    machine is held out, nothing shows how much of such fine features is the machine's own. The same
-    seed, windows and machine give the same choice and the same bits.
+    recordings join it (`RecordingModel`), each tempered by its answers to held-out machines.
+    Without held-out machines nothing would show whether such fine features are those of the fault
+    or of the machine. The same seed, windows and machine give the same choice and the same bits.
 
     Parameters
     ----------
@@ -55,6 +55,7 @@ def fit_best_candidate(
     InputError
         Too few recordings for the error rate, or a negative seed.
     """
+    # Checked first: the trials take much longer than these checks.
     if error_rate is not None:
         _require_recordings(windows, error_rate)
     require_trainable(windows)
@@ -82,9 +83,9 @@ def fit_best_candidate(
             fitted = replace(fitted, recordings=model)
             choice = replace(choice, head_recalls=trial.recalls(has_baseline))
             if has_baseline:
-                compared = trial.answers(predictions, own=True)
-                baseline_confidence = _confidence(reference, compared, error_rate, by_machine)
-            predictions = trial.answers(predictions, own=False)
+                with_changes = trial.answers(predictions, with_changes=True)
+                baseline_confidence = _confidence(reference, with_changes, error_rate, by_machine)
+            predictions = trial.answers(predictions, with_changes=False)
 
     confidence = _confidence(reference, predictions, error_rate, by_machine)
     if confidence is None and error_rate is not None:
@@ -120,9 +121,10 @@ def _confidence(
 ) -> Confidence | None:
     """Return a confidence from the folds.
 
-    None without a trial, or if no class has two recordings to compare. If folds leave machines out,
-    it is that of the machine that was hardest to classify: the next one may be as different from
-    the others, and the mean over a few machines does not show how much machines differ.
+    It is None without a trial, or if no class has two recordings to compare. If folds leave
+    machines out, it is that of the machine that was hardest to classify: the next machine may
+    differ as much from the others, and the mean over a few machines does not show how much machines
+    differ.
     """
     if reference is None or predictions is None:
         return None

@@ -19,7 +19,7 @@ from swashtwin.learning.networks.window_features import window_features
 from swashtwin.learning.training.classifier import Normalization
 from swashtwin.learning.training.confidence import likeliest_class
 from swashtwin.learning.training.fitting import RepresentedWindows
-from swashtwin.learning.training.settings import at_other_speeds, transform_windows, with_gains
+from swashtwin.learning.training.settings import transform_windows, with_gains, with_speed_changes
 from swashtwin.learning.windows.splitting import Fold, group_folds, window_groups, without_overlap
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import NoiseKind, unit_noise
@@ -27,7 +27,7 @@ from swashtwin.signals import NoiseKind, unit_noise
 MAX_WINDOWS = 3000
 """Measured windows of a trial; if there are more, every recording lends its share."""
 MAX_FOLDS = 6
-"""Maximum number of inner folds, so that each of six machines is left out once."""
+"""Maximum number of inner folds: each of up to six machines is held out once."""
 TEST_SNR_DB = 5.0
 """Signal-to-noise ratio of the noisy test sides."""
 TEST_GAIN_DB = 12.0
@@ -36,7 +36,7 @@ TEST_STRETCH = 0.02
 """Largest relative change of speed of the disturbed test sides."""
 _NOISE_KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
 
-# Rounding of a score that is exactly one standard error below the best.
+# Allowance for rounding, so that a score exactly one standard error below the best is tied.
 _TIE_TOLERANCE = 1e-12
 
 Progress = Callable[[str, int, int], None]
@@ -55,7 +55,7 @@ class OutOfFoldPredictions:
     fold: Int64[np.ndarray, " window"]
     """Fold that left it out."""
     represented: RepresentedWindows | None = None
-    """All training windows as the candidate's network sees them; None if the trial used others."""
+    """All training windows as the candidate's network sees them; None if the trial used fewer."""
 
 
 def choose_candidate(
@@ -84,6 +84,7 @@ def choose_candidate(
     if seed < 0:
         raise InputError(f"seed ({seed}) must not be negative.")
     report = progress or _report_nothing
+    # Overlapping windows would count one moment of a recording twice.
     measured = _limit_windows(without_overlap(windows.subset(~windows.synthetic)))
     group, folds = _inner_folds(measured, seed)
     if not folds:
@@ -119,7 +120,7 @@ def choose_candidate(
 
 
 def _report_nothing(activity: str, finished: int, total: int) -> None:
-    """Stand in for a progress that nobody asked for."""
+    """Ignore the progress, if the caller does not follow it."""
 
 
 def _limit_windows(measured: WindowSet) -> WindowSet:
@@ -172,7 +173,7 @@ class _Views:
 
         noise_rng, change_rng = (random_stream(seed, "trial", view) for view in _VIEWS[1:])
         noisy = _add_test_noise(measured, noise_rng)
-        faster = at_other_speeds(measured.signal, TEST_STRETCH, change_rng)
+        faster = with_speed_changes(measured.signal, TEST_STRETCH, change_rng)
         changed = with_gains(faster, TEST_GAIN_DB, change_rng)
 
         clean = self._features(self.windows)
@@ -222,13 +223,17 @@ def _test_candidates(
     """
     networks = {candidate.name: candidate.network(views.windows) for candidate in CANDIDATES}
     shape = (len(views.measured), len(views.windows.classes))
-    log_probability = {name: [np.full(shape, np.nan) for _ in _VIEWS] for name in networks}
+    log_probability: dict[str, list[LogProbability]] = {}
+    for name in networks:
+        log_probability[name] = [np.full(shape, np.nan) for _ in _VIEWS]
+
     for number, (trained, tested) in enumerate(folds):
         report("trying candidates", number, len(folds))
         is_used = np.isin(views.training_rows, _training_rows(views, trained, tested))
         features = views.training_features[is_used]
         target = views.windows.target[views.training_rows[is_used]]
         values = [network.shaped(features) for network in networks.values()]
+        # Together, so that the candidates share all draws and differ by their features only.
         solve_together(list(networks.values()), values, target, derive_seed(seed, "trial", number))
 
         for view, test_features in enumerate(views.tests):
@@ -259,7 +264,8 @@ def is_made_without(
 ) -> Bool[np.ndarray, " synthetic"]:
     """Return whether each synthetic specimen was made without the tested ones.
 
-    "... of" a specimen was made from windows of it; a twin is named after its pump's type.
+    A specimen named "... of NAME" was made from windows of NAME; a twin is named after the type of
+    its pump, not after a machine.
     """
     names = set(tested.tolist())
     endings = tuple(f" of {name}" for name in names)
@@ -283,6 +289,7 @@ def _out_of_fold_predictions(
     for number, (_, tested) in enumerate(folds):
         fold[tested] = number
 
+    # The final fit may reuse the features of the trial, if the trial dropped no window.
     represented = None
     has_all_windows = len(windows) == len(views.windows)
     if has_all_windows and windows.fingerprint() == views.windows.fingerprint():
@@ -313,11 +320,15 @@ def _score_trials(
     recalls_by_group: dict[str, np.ndarray] = {}
     total_recalls: dict[str, np.ndarray] = {}
     for name, by_view in log_probability.items():
-        is_right = [_recordings_right(answers, recording, target) for answers in by_view]
-        recalls_by_group[name] = np.array(
-            [[_mean_recall(view[mask], target[mask]) for view in is_right] for mask in group_masks]
-        )
-        total_recalls[name] = np.array([_mean_recall(view, target) for view in is_right])
+        group_recalls = np.empty((len(group_masks), len(by_view)))
+        view_recalls = np.empty(len(by_view))
+        for view, answers in enumerate(by_view):
+            is_right = _recordings_right(answers, recording, target)
+            view_recalls[view] = _mean_recall(is_right, target)
+            for group, mask in enumerate(group_masks):
+                group_recalls[group, view] = _mean_recall(is_right[mask], target[mask])
+        recalls_by_group[name] = group_recalls
+        total_recalls[name] = view_recalls
 
     # The mean of the clean view and of the disturbed ones.
     scores_by_group = {

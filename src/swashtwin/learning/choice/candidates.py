@@ -18,17 +18,17 @@ DISTURBED_TRAINING = TrainingSettings(
     gain=12.0,
     stretch=0.02,
 )
-"""Training on the measured windows and four disturbed copies: noise down to -2.5 dB on every window,
-gains up to 12 dB per channel and speeds up to 2 % on half of them each.
+"""Training on the windows and four disturbed copies: noise down to -2.5 dB on every window, gains
+up to 12 dB per channel on half of the windows, and speed changes up to 2 % on half of them.
 """
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A `BandPowerNetwork` with lines in hertz and both heads, trained as in `DISTURBED_TRAINING`."""
+    """A `BandPowerNetwork` with lines in hertz and both heads, trained by `DISTURBED_TRAINING`."""
 
     shape: bool
-    """Whether each channel's own level is subtracted, so that no gain changes anything."""
+    """Whether each channel's overall level is subtracted, so that no gain changes anything."""
 
     @property
     def name(self) -> str:
@@ -43,10 +43,10 @@ class Candidate:
 CANDIDATES = (Candidate(shape=True), Candidate(shape=False))
 """The candidates, the more invariant one first.
 
-With 24 kinds (lines at orders or in hertz, trained clean or disturbed, by each head or both) a
-trial with two pumps to train on, or with four bearings, chose by chance. On rig fleets 100 and 101
-of version 2 the chosen one of 24 classified 0.67 and 0.64 of the recordings of new pumps right,
-these two 0.66 to 0.67 and 0.82 to 0.83.
+There are only two because a trial among more chooses by chance. That happened with 24 kinds (lines
+at orders or in hertz, trained clean or disturbed, by each head or both) on two training pumps, and
+on four bearings. On rig fleets 100 and 101 of version 2 the choice among 24 classified 0.67 and
+0.64 of the recordings of new pumps right, these two 0.66 to 0.67 and 0.82 to 0.83.
 """
 
 
@@ -72,9 +72,9 @@ class CandidateChoice:
     """The trials of all candidates, and the chosen one."""
 
     candidate: str
-    """Name of the chosen candidate, the first of those tied with the best; see `choose_candidate`."""
+    """Name of the chosen candidate, the first of those tied with the best (`choose_candidate`)."""
     trials: tuple[Trial, ...]
-    """All candidates tried, in the declared order; none if the recordings are too few for a trial."""
+    """Trials of all candidates, in the declared order; empty if there are too few recordings."""
     group: str
     """What inner folds kept whole: ``"specimen"``, ``"condition"`` or ``"recording"``; empty
     without a trial.
@@ -87,8 +87,9 @@ class CandidateChoice:
     n_machines: int = 0
     """Machines that it rests on; 0 if folds did not leave machines out."""
     head_recalls: Mapping[str, float] = field(default_factory=dict)
-    """Mean recall, by recording, of each head on whole recordings, and of all heads together
-    ``"without baseline"`` of the machine and ``"with baseline"``; empty if recordings are too short.
+    """Mean recall, by recording, of each head on whole recordings, and of all heads together:
+    ``"without baseline"`` and ``"with baseline"`` of the machine. Empty if recordings are too
+    short.
     """
 
     def sentence(self) -> str:

@@ -1,4 +1,4 @@
-"""Calibrate the confidence of a classifier (`learn_confidence`), and test it (`score_confidence`)."""
+"""Calibration of a classifier's confidence on recordings it was not trained on, and its test."""
 
 import math
 from dataclasses import asdict, dataclass, replace
@@ -11,6 +11,7 @@ from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.evaluation.scores import expected_calibration_error, refuse_seen
 from swashtwin.learning.training.classifier import FittedClassifier
 from swashtwin.learning.training.confidence import (
+    DEFAULT_ERROR_RATE,
     Confidence,
     allowed_error_rate,
     fit_pooling,
@@ -20,9 +21,6 @@ from swashtwin.learning.training.confidence import (
 )
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import describe_copies, find_copies, join_manifests
-
-# Default error rate of a cross-fitted confidence with enough recordings.
-_ERROR_RATE = 0.1
 
 # Bins of the expected calibration error over recordings, which are fewer than windows.
 _N_CALIBRATION_BINS = 10
@@ -98,7 +96,7 @@ def _pool(
 
 
 def learn_confidence(
-    classifier: FittedClassifier, validation: WindowSet, *, error_rate: float = 0.1
+    classifier: FittedClassifier, validation: WindowSet, *, error_rate: float = DEFAULT_ERROR_RATE
 ) -> FittedClassifier:
     """Return the classifier with its confidence calibrated by validation recordings.
 
@@ -229,7 +227,7 @@ def cross_fitted_confidence(
         )
 
     if error_rate is None:
-        error_rate = allowed_error_rate(len(names), _ERROR_RATE)
+        error_rate = allowed_error_rate(len(names), DEFAULT_ERROR_RATE)
     by_recording = [probability[index == number] for number in range(len(names))]
     return _build_confidence(
         by_recording, target[first], np.asarray(ood_score), error_rate, cross_fitted=True

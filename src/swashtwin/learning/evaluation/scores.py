@@ -56,14 +56,14 @@ def unseen_recordings(
         Every recording had a part in it.
     """
     measured = [recording for recording in recordings if not recording.synthetic]
-    seen = find_copies(manifest, build_manifest(measured))
-    unseen = [recording for recording in measured if recording.recording_id not in seen]
+    copies = find_copies(manifest, build_manifest(measured))
+    unseen = [recording for recording in measured if recording.recording_id not in copies]
     if not unseen:
         raise DataError(
             f"All {len(recordings)} recordings had a part in the model (its manifest). Test on "
             "others, or train with a share held out."
         )
-    return unseen, seen
+    return unseen, copies
 
 
 def refuse_seen(classifier: Classifier, recordings: Manifest) -> None:
@@ -118,6 +118,7 @@ def _split_of(reference: TrainingReference, recording: Recording) -> str:
 
 def recalls(confusion: Int[np.ndarray, "actual predicted"]) -> Float[np.ndarray, " actual"]:
     """Return the share of each class that was classified right; NaN without a test window."""
+    # A column without a verdict, if any, counts in the sum: such a window is an error.
     count = confusion.sum(axis=1)
     return np.where(count > 0, np.diag(confusion) / np.maximum(count, 1), np.nan)
 
@@ -201,12 +202,12 @@ def expected_calibration_error(
     return float(np.abs(gap).sum() / right.size)
 
 
+# Draws of the bootstrap: the limits of a 95 % interval then rest on 50 draws each.
+_BOOTSTRAP_DRAWS = 2000
+
+
 def accuracy_interval(
-    right: Bool[np.ndarray, " window"],
-    group: Int[np.ndarray, " window"],
-    *,
-    draws: int = 2000,
-    seed: int = 0,
+    right: Bool[np.ndarray, " window"], group: Int[np.ndarray, " window"], *, seed: int = 0
 ) -> tuple[float, float]:
     """Return the 95 % interval of the accuracy by bootstrap over the groups.
 
@@ -219,7 +220,7 @@ def accuracy_interval(
     n_groups = n_windows.size
     equal_shares = np.full(n_groups, 1 / n_groups)
     rng = random_stream(seed, "bootstrap")
-    times = rng.multinomial(n_groups, equal_shares, size=draws)
+    times = rng.multinomial(n_groups, equal_shares, size=_BOOTSTRAP_DRAWS)
     low, high = np.percentile((times @ n_right) / (times @ n_windows), [2.5, 97.5])
 
     wilson_low, wilson_high = wilson_interval(float(right.mean()), n_groups)

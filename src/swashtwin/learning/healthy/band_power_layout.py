@@ -166,27 +166,32 @@ def band_edges(n_lines: int) -> Float64[np.ndarray, " edge"]:
 def band_power_layout(
     recordings: Sequence[Recording],
 ) -> tuple[BandPowerLayout, tuple[str, ...]]:
-    """Return the band powers that all recordings of one layout allow, and why orders are missing."""
+    """Return the band powers that all recordings allow, and a note if orders are missing.
+
+    The recordings have one layout: sample rate, channels and unit.
+    """
     first = recordings[0]
     n_samples = min(recording.n_samples for recording in recordings)
     duration = n_samples / first.sample_rate
     shafts = [specified_shaft_frequency(recording) for recording in recordings]
-    known_shafts = [shaft for shaft in shafts if shaft]
+    specified_shafts = [shaft for shaft in shafts if shaft]
 
     reason = ""
     notes: tuple[str, ...] = ()
-    if len(known_shafts) < len(shafts):
+    if len(specified_shafts) < len(shafts):
         reason = f"{recordings[shafts.index(None)].recording_id} specifies no speed"
-    elif duration * min(known_shafts) < TURNS:
-        n_turns = duration * min(known_shafts)
+    elif duration * min(specified_shafts) < TURNS:
+        n_turns = duration * min(specified_shafts)
         reason = f"the shortest recording covers {n_turns:.3g} of {TURNS} turns"
     if reason:
         segment = min(MAX_SEGMENT, n_samples)
         n_orders = 0
         notes = (f"Band powers at shaft orders are not compared: {reason}.",)
     else:
-        segment = min(round(TURNS * first.sample_rate / min(known_shafts)), n_samples)
-        n_orders = min(MAX_ORDERS, int(USABLE_BANDWIDTH * first.sample_rate / max(known_shafts)))
+        segment = min(round(TURNS * first.sample_rate / min(specified_shafts)), n_samples)
+        n_orders = min(
+            MAX_ORDERS, int(USABLE_BANDWIDTH * first.sample_rate / max(specified_shafts))
+        )
 
     layout = BandPowerLayout(
         float(first.sample_rate), first.channels, first.unit, segment, n_orders

@@ -37,7 +37,7 @@ from swashtwin.recordings import (
 
 MIN_HEALTHY_RECORDINGS = 5
 """Healthy recordings that a baseline needs: the spread of fewer is not known."""
-DEFAULT_ERROR_RATE = 0.05
+DEFAULT_FALSE_ALARM_RATE = 0.05
 """Default false-alarm rate of a detector, if the recordings allow it."""
 
 
@@ -98,8 +98,8 @@ class HealthyBaseline:
 
     @cached_property
     def _recording_points(self) -> list[Point]:
-        facts = zip(self.specimen, self.speed.tolist(), self.pressure.tolist(), strict=True)
-        return [point_key(specimen, speed, pressure) for specimen, speed, pressure in facts]
+        columns = zip(self.specimen, self.speed.tolist(), self.pressure.tolist(), strict=True)
+        return [point_key(specimen, speed, pressure) for specimen, speed, pressure in columns]
 
     def deviation(self, recording: Recording) -> Deviation:
         """Return the distance of a recording from the healthy ones.
@@ -190,6 +190,7 @@ def measure_baseline(
     for finding in layout_findings(recordings):
         raise DataError(finding.message)
 
+    # A copy would count as agreement between recordings, and narrow the spread.
     manifest = build_manifest(recordings)
     duplicates = find_duplicates(manifest)
     notes = [
@@ -198,22 +199,9 @@ def measure_baseline(
     ]
     distinct = [recording for recording in recordings if recording.recording_id not in duplicates]
 
-    facts = np.array([specified_point(recording) for recording in distinct]).reshape(-1, 2)
-    speed = merge_close_values(facts[:, 0], SPEED_TOLERANCE)
-    pressure = merge_close_values(facts[:, 1], PRESSURE_TOLERANCE)
-    points = []
-    for recording, own_speed, own_pressure in zip(
-        distinct, speed.tolist(), pressure.tolist(), strict=True
-    ):
-        points.append(point_key(recording.specimen or "", own_speed, own_pressure))
-
-    rows = []
-    for row, point in enumerate(points):
-        if points.count(point) > 1:
-            rows.append(row)
-        else:
-            name = distinct[row].recording_id
-            notes.append(f"{name} is the only one at {describe_point(point)} and is excluded.")
+    speed, pressure = _merged_conditions(distinct)
+    rows, single_notes = _comparable_rows(distinct, speed, pressure)
+    notes += single_notes
     if len(rows) < MIN_HEALTHY_RECORDINGS:
         count = plural(len(rows), "healthy recording")
         raise DataError(
@@ -222,20 +210,53 @@ def measure_baseline(
             f"of 0.05. {' '.join(notes)}".rstrip()
         )
 
-    used = [distinct[row] for row in rows]
-    layout, layout_notes = band_power_layout(used)
+    comparable = [distinct[row] for row in rows]
+    layout, layout_notes = band_power_layout(comparable)
     band_powers = []
-    for number, recording in enumerate(used):
+    for number, recording in enumerate(comparable):
         if progress is not None:
-            progress(number, len(used))
+            progress(number, len(comparable))
         band_powers.append(layout.measure(recording))
+    names = [recording.recording_id for recording in comparable]
     baseline = HealthyBaseline(
         layout=layout,
         band_powers=np.stack(band_powers),
-        specimen=tuple(recording.specimen or "" for recording in used),
+        specimen=tuple(recording.specimen or "" for recording in comparable),
         speed=speed[rows],
         pressure=pressure[rows],
-        shortest=min(recording.n_samples for recording in used),
-        manifest={recording.recording_id: manifest[recording.recording_id] for recording in used},
+        shortest=min(recording.n_samples for recording in comparable),
+        manifest={name: manifest[name] for name in names},
     )
     return baseline, (*notes, *layout_notes)
+
+
+def _merged_conditions(
+    recordings: Sequence[Recording],
+) -> tuple[Float64[np.ndarray, " recording"], Float64[np.ndarray, " recording"]]:
+    """Return speeds [rad/s] and pressures [Pa], equal at the same operating point; else NaN."""
+    conditions = np.array([specified_point(recording) for recording in recordings]).reshape(-1, 2)
+    speed = merge_close_values(conditions[:, 0], SPEED_TOLERANCE)
+    pressure = merge_close_values(conditions[:, 1], PRESSURE_TOLERANCE)
+    return speed, pressure
+
+
+def _comparable_rows(
+    recordings: Sequence[Recording],
+    speed: Float64[np.ndarray, " recording"],
+    pressure: Float64[np.ndarray, " recording"],
+) -> tuple[list[int], list[str]]:
+    """Return the recordings that share their point with another one, and notes on the others."""
+    points = []
+    for row, recording in enumerate(recordings):
+        point = point_key(recording.specimen or "", float(speed[row]), float(pressure[row]))
+        points.append(point)
+
+    rows = []
+    notes = []
+    for row, point in enumerate(points):
+        if points.count(point) > 1:
+            rows.append(row)
+        else:
+            name = recordings[row].recording_id
+            notes.append(f"{name} is the only one at {describe_point(point)} and is excluded.")
+    return rows, notes

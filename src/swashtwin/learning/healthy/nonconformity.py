@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float, Float64, Int
 
 MIN_SPREAD_DB = 1.0
-"""Standard deviation [dB] that every band power has at least: mounting and temperature move it so
-much, whatever was measured.
+"""Minimum standard deviation [dB] of every band power: mounting and temperature change it by this
+much, however little the recordings scatter.
 """
 RIDGE = 1.0
 """Added to the variance of each band power, in units of it, in all directions: there are more band
@@ -24,9 +24,8 @@ def point_residuals(
 ) -> tuple[Float64[np.ndarray, "recording band"], Float64[np.ndarray, " recording"]]:
     """Return band powers less the mean of their point, and a factor for each recording.
 
-    The factor leads to the spread of a difference from the other recordings' mean. Of m recordings
-    of a point it is sqrt(m / (m - 1)): residual times factor has the variance of one recording, at
-    every point.
+    For a point of m recordings the factor is sqrt(m / (m - 1)): a residual times its factor has the
+    variance of one recording, at every point.
     """
     count = np.bincount(point)[point]
     sums = np.zeros((int(point.max()) + 1, band_powers.shape[1]))

@@ -26,10 +26,11 @@ def find_inliers(
 ) -> Bool[np.ndarray, " recording"]:
     """Return which recordings, two or more of each point, are alike; the others are outliers.
 
-    From the half of each point that is nearest to the point's median the inliers grow and shrink
-    (as in Rousseeuw and Van Driessen 1999, DOI 10.1080/00401706.1999.10485670) until each has a
-    score below the limit against the other inliers, and no other recording has. So outliers cannot
-    hide one another. If one recording of a point would be left, the whole point is an outlier.
+    The first inliers are the half of each point nearest to the point's median. They grow and shrink
+    (as in Rousseeuw and Van Driessen 1999, DOI 10.1080/00401706.1999.10485670) until every inlier
+    has a score below the limit against the other inliers, and no other recording has. So outliers
+    cannot hide one another. If a single recording of a point would remain, the whole point is an
+    outlier.
     """
     is_inlier = _central_half(band_powers, point)
     for _ in range(len(band_powers)):

@@ -1,4 +1,4 @@
-"""Machine and operating point of recordings, and which of several a recording belongs to."""
+"""Points (machine and operating point) of recordings, and the point that a recording matches."""
 
 import math
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ def specified_point(recording: Recording) -> tuple[float, float]:
 
 
 def point_key(specimen: str, speed: float, pressure: float) -> Point:
-    """Return the point of a specimen (empty: not specified), speed and pressure (NaN: likewise)."""
+    """Return the point of a specimen (empty if not specified), speed and pressure (else NaN)."""
     return (
         specimen or None,
         None if math.isnan(speed) else speed,
@@ -39,8 +39,8 @@ def point_key(specimen: str, speed: float, pressure: float) -> Point:
 def match_point(recording: Recording, points: Sequence[Point]) -> tuple[int, tuple[str, ...]]:
     """Return the index of a recording's point, and notes on what the recording does not specify.
 
-    A fact that the recording, or a point, does not specify matches every value if no value matches
-    exactly.
+    If no point has the recording's value of a fact, a point that does not specify the fact matches;
+    a fact that the recording does not specify matches every point.
 
     Raises
     ------
@@ -65,19 +65,19 @@ def match_point(recording: Recording, points: Sequence[Point]) -> tuple[int, tup
         if value is None and any(points[index][fact] is not None for index in candidates):
             missing_facts.append(noun)
 
-    missing = " and ".join(missing_facts)
+    missing_text = " and ".join(missing_facts)
     if len(candidates) > 1:
         listed = "; ".join(describe_point(points[index]) for index in candidates[:MAX_LISTED])
         raise DataError(
-            f"Healthy recordings are of {len(candidates)} machines and operating points ({listed}), "
-            f"and {recording.recording_id} does not specify its {missing}.",
+            f"Healthy recordings are of {len(candidates)} machines and operating points "
+            f"({listed}), and {recording.recording_id} does not specify its {missing_text}.",
             remedy="Specify the machine in an index; speed and pressure there, or with {speed} and "
             "{pressure}.",
         )
     if not missing_facts:
         return candidates[0], ()
     assumed = describe_point(points[candidates[0]])
-    return candidates[0], (f"It does not specify its {missing}; {assumed} was assumed.",)
+    return candidates[0], (f"It does not specify its {missing_text}; {assumed} was assumed.",)
 
 
 def describe_point(point: Point) -> str:
@@ -95,10 +95,10 @@ def _values_agree(first: str | float | None, second: str | float | None, toleran
 def _no_match(fact: int, value: str | float | None, points: Sequence[Point]) -> DataError:
     """Return the error that no healthy recording has the value of a fact."""
     preposition = "of" if fact == 0 else "at the"
-    known = dict.fromkeys(_format_fact(fact, point[fact]) for point in points)
+    recorded = dict.fromkeys(_format_fact(fact, point[fact]) for point in points)
     return DataError(
         f"No healthy recording is {preposition} {_FACTS[fact][0]} {_format_fact(fact, value)} "
-        f"(recorded: {', '.join(known)}), so this one cannot be compared."
+        f"(recorded: {', '.join(recorded)}), so this one cannot be compared."
     )
 
 

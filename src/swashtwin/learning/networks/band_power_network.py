@@ -22,7 +22,7 @@ AXES = ("order", "frequency")
 MIN_DEVIATION = 0.01
 """Smallest deviation that a feature is divided by [log10 of power]; less is rounding."""
 RIDGE = 1e-6
-"""Added to each variance of the discriminant: that of a constant feature is 0."""
+"""Added to each variance of the discriminant, since that of a constant feature is 0."""
 
 
 class BandPowerNetwork(SolvedNetwork):
@@ -89,6 +89,7 @@ class BandPowerNetwork(SolvedNetwork):
         noise: float = 0.3,
     ) -> None:
         heads = tuple(heads)
+
         if axis not in AXES:
             raise InputError(f"{self.name}: axis {axis!r} must be one of {', '.join(AXES)}.")
         if not heads or not set(heads) <= set(HEADS):
@@ -100,6 +101,7 @@ class BandPowerNetwork(SolvedNetwork):
             raise InputError(
                 f"{self.name}: noise ({noise:g}) and turns ({turns:g}) must not be negative."
             )
+
         super().__init__(
             n_channels=n_channels,
             n_classes=n_classes,
@@ -130,7 +132,10 @@ class BandPowerNetwork(SolvedNetwork):
         windows: Float32[np.ndarray, "window channel time"],
         turns: Float[np.ndarray, " window"],
     ) -> Float32[np.ndarray, "window feature"]:
-        """Return the features of windows at turns of the shaft per sample; NaN takes the setting."""
+        """Return the features of windows at turns of the shaft per sample.
+
+        NaN stands for the setting `turns`.
+        """
         if not self.uses_speed:
             return self.shaped(window_features(windows, None))
 
@@ -193,8 +198,8 @@ class BandPowerNetwork(SolvedNetwork):
     ) -> tuple[Float64[np.ndarray, "window feature"], Float64[np.ndarray, " window"]]:
         """Return the mean gradient of a class's margin over its rival, and the margin's change.
 
-        Both along the straight line from 0 to the features; the margin is the score of `label` less
-        that of `rival`.
+        Both are taken along the straight line from 0 to the features (integrated gradients). The
+        margin is the score of `label` less that of `rival`.
 
         Parameters
         ----------
@@ -224,14 +229,19 @@ class BandPowerNetwork(SolvedNetwork):
                     slopes[head] += change
         gradient = sum(slope @ self.weights[head] for head, slope in slopes.items())
 
-        margins = []
-        for position in (1.0, 0.0):
-            logarithms = [
-                self._answer_along(head, values, position)[0] for head, values in sums.items()
-            ]
-            mean = mean_of_heads(logarithms)
-            margins.append(mean[:, label] - mean[:, rival])
-        return np.asarray(gradient), margins[0] - margins[1]
+        end_scores = self._scores_along(sums, 1.0)
+        start_scores = self._scores_along(sums, 0.0)
+        end_margin = end_scores[:, label] - end_scores[:, rival]
+        start_margin = start_scores[:, label] - start_scores[:, rival]
+        return np.asarray(gradient), end_margin - start_margin
+
+    def _scores_along(
+        self, sums: dict[str, Float64[np.ndarray, "window unit"]], position: float
+    ) -> Float64[np.ndarray, "window class"]:
+        """Return the scores at a position of the line, from the heads' `sums`."""
+        return mean_of_heads(
+            [self._answer_along(head, values, position)[0] for head, values in sums.items()]
+        )
 
     def _answer_along(
         self, head: str, sums: Float64[np.ndarray, "window unit"], position: float
@@ -279,7 +289,7 @@ def solve_together(
     target: Int[np.ndarray, " window"],
     seed: int,
 ) -> None:
-    """Find the weights of networks that differ in `shape` only, each from its own features.
+    """Find the weights of networks that differ in `shape` only, each from its features.
 
     Their hidden layers share all draws.
     """

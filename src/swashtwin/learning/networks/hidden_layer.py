@@ -23,7 +23,7 @@ MOMENTUM = 0.1
 MIN_VARIANCE = np.float32(1e-5)
 """Added to variances before division, as in torch."""
 FIRST_DECAY = 0.9
-"""Decay of Adam's mean of gradients; this and the next two as Kingma and Ba propose."""
+"""Decay of Adam's mean of gradients (this and the next two constants: Kingma and Ba)."""
 SECOND_DECAY = 0.999
 """Decay of Adam's mean of squared gradients."""
 ADAM_EPSILON = np.float32(1e-8)
@@ -37,7 +37,7 @@ Weights = dict[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Activations:
-    """What a forward pass leaves for the backward pass and the running moments."""
+    """Results of a forward pass that the backward pass and the running moments need."""
 
     x: Float[np.ndarray, "*network window feature"]
     """Features."""
@@ -160,10 +160,10 @@ def fit_hidden_layer(
 ) -> dict[str, Float32[np.ndarray, "..."]]:
     """Return the weights ``hidden`` and ``output`` of W₂ ReLU(W₁ x + b₁) + b₂, with their biases.
 
-    Trained by Adam for the cross-entropy with classes weighted alike, in ten passes with a rate
-    that falls by a cosine. Batch normalization (Ioffe and Szegedy 2015, arXiv:1502.03167) stands
-    before the ReLU, and is folded into the returned weights; dropout stands after it. In each step
-    noise is added to the features. Networks along the leading axes share all draws.
+    They minimize the cross-entropy with classes weighted alike: Adam, ten passes, a rate that falls
+    by a cosine. Batch normalization (Ioffe and Szegedy 2015, arXiv:1502.03167) stands before the
+    ReLU, and is folded into the returned weights; dropout stands after it. In each step noise is
+    added to the features. Networks along the leading axes share all draws.
 
     Parameters
     ----------
@@ -196,18 +196,24 @@ def fit_hidden_layer(
                 is_kept = rng.random((len(rows), size), dtype=np.float32) < keep_share
 
             activations = forward(weights, x, is_kept, keep_share)
-            score_gradient = loss_gradient(
-                activations.scores, target[rows], class_weight[target[rows]]
-            )
-            gradients = backward(weights, activations, score_gradient)
+            window_weight = class_weight[target[rows]]
+            score_gradient = loss_gradient(activations.scores, target[rows], window_weight)
             rate = LEARNING_RATE * (1 + np.cos(np.pi * optimizer.step / n_steps)) / 2
-            optimizer.update(gradients, rate)
-
-            unbiased = activations.variance * (len(rows) / max(len(rows) - 1, 1))
-            running_mean += MOMENTUM * (activations.mean - running_mean)
-            running_variance += MOMENTUM * (unbiased - running_variance)
+            optimizer.update(backward(weights, activations, score_gradient), rate)
+            _update_running_moments(running_mean, running_variance, activations)
 
     return _fold_normalization(weights, running_mean, running_variance)
+
+
+def _update_running_moments(
+    running_mean: np.ndarray, running_variance: np.ndarray, activations: Activations
+) -> None:
+    """Move the running moments of batch normalization towards those of a batch, in place."""
+    n_windows = activations.x.shape[-2]
+    # torch normalizes by the biased variance and runs the unbiased one.
+    unbiased = activations.variance * (n_windows / max(n_windows - 1, 1))
+    running_mean += MOMENTUM * (activations.mean - running_mean)
+    running_variance += MOMENTUM * (unbiased - running_variance)
 
 
 def _initial_weights(

@@ -142,7 +142,7 @@ class Network(Configured, nn.Module):
     def _apply_to(
         self, windows: np.ndarray, turns: np.ndarray, function: Callable[[Tensor], Tensor]
     ) -> np.ndarray:
-        """Return a function of the representation of windows, computed where the weights lie."""
+        """Apply a function to the representation of windows, on the device of the weights."""
         device = next(self.parameters()).device
         with torch.no_grad():
             represented = self.represent_at(

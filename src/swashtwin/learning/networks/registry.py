@@ -184,8 +184,8 @@ def rebuild_network(
 
 
 def default_settings(kind: Any) -> dict[str, Any]:
-    """Return the default of every setting of a network class, those of its base classes included."""
-    build = getattr(kind, "build", None)  # of a user's own module
+    """Return the default of every setting of a network class and of its base classes."""
+    build = getattr(kind, "build", None)  # present if `register_network` wrapped a user's module
     if build:
         constructors = [build]
     else:

@@ -125,7 +125,7 @@ class SolvedNetwork(Configured):
         raise NotImplementedError
 
     def loaded(self, weights: Mapping[str, np.ndarray]) -> "SolvedNetwork":
-        """Return this network with saved weights; raise a `ValueError` if they misfit its settings."""
+        """Return this network with saved weights; raise a `ValueError` if they do not fit."""
         raise NotImplementedError
 
     def probabilities(

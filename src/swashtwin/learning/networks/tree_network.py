@@ -17,7 +17,7 @@ from swashtwin.learning.networks.solved_network import SolvedNetwork
 
 @dataclass(frozen=True, eq=False)
 class Forest:
-    """Decision trees whose nodes stand in one row, tree after tree."""
+    """Decision trees whose nodes stand in one list, tree after tree."""
 
     root: Int[np.ndarray, " tree"]
     """First node of each tree."""
@@ -73,13 +73,17 @@ class Forest:
         leaf_probability = tensors["leaf_probability"].astype(np.float64)
         is_leaf = column < 0
 
-        has_sizes = (
+        has_consistent_sizes = (
             column.ndim == 1
             and column.shape == threshold.shape == left.shape
             and leaf_probability.shape[0] == is_leaf.sum()
         )
-        if not has_sizes or root.size == 0 or not ((root >= 0) & (root < column.size)).all():
-            raise ValueError("its trees have not one entry for each node")
+        if (
+            not has_consistent_sizes
+            or root.size == 0
+            or not ((root >= 0) & (root < column.size)).all()
+        ):
+            raise ValueError("its trees do not have one entry for each node")
         # Without these two, walking down a tree of a damaged file would never end, or leave it.
         nodes = np.arange(column.size)
         if (left[is_leaf] != nodes[is_leaf]).any() or (left[~is_leaf] <= nodes[~is_leaf]).any():

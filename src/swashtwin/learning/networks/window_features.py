@@ -1,6 +1,6 @@
 """Features of a whole window: narrow lines, logarithmic bands and the shape of the waveform.
 
-They are taken of the signal and of three envelopes, and nothing here has weights. Each feature is
+They describe the signal and three envelopes, and nothing here has weights. Each feature is
 log10 of a power or of an amplitude, or a number that no gain changes. The *gain response* of a
 feature is how much a gain changes it, so that a gain can be applied to, or removed from, the
 features themselves.
@@ -184,7 +184,7 @@ def _measure_spectrum(
     turns: Float[np.ndarray, " window"] | None,
     bands: SpectrumBands,
 ) -> list[np.ndarray]:
-    """Return the shape of the waveform, and log10 powers of narrow and wide bands; `x` has mean 0."""
+    """Return the shape of a waveform of mean 0, and log10 powers of narrow and wide bands."""
     length = x.shape[-1]
     lines = transform(x * hann_taper(length).astype(np.float32))[..., 1:]
     power = (lines.real**2 + lines.imag**2) / np.float32(length)

@@ -1,3 +1,1 @@
-"""Whole recordings: their levels, what heads say of them, and the changes from a machine's own
-healthy recordings.
-"""
+"""Whole recordings: band powers, changes from healthy recordings, and heads that classify them."""

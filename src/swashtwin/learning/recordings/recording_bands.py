@@ -35,7 +35,7 @@ ORDER_HALF_WIDTH = 0.25
 FLOOR_EDGES = (0.3, 0.7)
 """Edges of the floor between two orders [orders from the lower one]."""
 MAX_SPEED_ERROR = 0.025
-"""Largest relative distance of the speed from the specified one: that is the set speed."""
+"""Largest relative distance of the speed from the specified one, which is the set speed."""
 N_SPEEDS = 101
 """Speeds that are tried within it."""
 TOOTH_HALF_WIDTH = 0.06
@@ -186,7 +186,7 @@ class RecordingBandLayout:
         lowest_line: float,
         lines_per_order: float,
     ) -> Float64[np.ndarray, "channel band"]:
-        """Return powers of the squared envelope of the octave above a line, over its mean squared."""
+        """Return band powers of an octave's squared envelope, over the square of its mean."""
         first = int(lowest_line)
         end = int(2 * lowest_line)
         # Twice the width of the octave, because the squared envelope has twice its bandwidth.
@@ -247,10 +247,9 @@ def _speed_correction(
         (teeth + TOOTH_HALF_WIDTH).ravel() * lines_per_order,
     )
     line = line.reshape(-1, *teeth.shape)
-    around = power_between(sums, (order - 0.5) * lines_per_order, (order + 0.5) * lines_per_order)[
-        :, None
-    ]
+    around = power_between(sums, (order - 0.5) * lines_per_order, (order + 0.5) * lines_per_order)
+    share = line / np.maximum(around[:, None], 1e-30)
 
     # The logarithm, so that many faint lines count for more than one loud one.
-    prominence = np.log(line / np.maximum(around, 1e-30) + 1e-3).sum(axis=(0, 2))
+    prominence = np.log(share + 1e-3).sum(axis=(0, 2))
     return float(factor[prominence.argmax()])

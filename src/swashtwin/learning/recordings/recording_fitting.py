@@ -62,16 +62,17 @@ class RecordingTrial:
             recalls["with baseline"] = self._mean_recall(together)
         return recalls
 
-    def answers(self, windows: OutOfFoldPredictions, *, own: bool) -> OutOfFoldPredictions:
+    def answers(self, windows: OutOfFoldPredictions, *, with_changes: bool) -> OutOfFoldPredictions:
         """Return the joint answers of windows from those by the short windows alone.
 
         Parameters
         ----------
-        own : whether changes from a machine's own healthy recordings take part.
+        with_changes : whether the head on changes from a machine's healthy recordings takes part.
         """
         recording_index = np.unique(windows.recording_id, return_inverse=True)[1]
         votes: list[np.ndarray | None] = [_log_probability(windows.probability)]
-        for vote in self.votes[1:] if own else self.votes[1:2]:
+        head_votes = self.votes[1:] if with_changes else self.votes[1:2]
+        for vote in head_votes:
             votes.append(None if vote is None else vote[recording_index])
         return replace(windows, probability=combine_votes(votes, self.temperatures))
 
@@ -126,8 +127,8 @@ class _TrainingTables:
     def training_rows(self, tested: np.ndarray) -> np.ndarray:
         """Return the recordings that train if some are tested.
 
-        The other measured ones, and synthetic ones that were made without the tested machines;
-        unless a class is then missing, all synthetic ones.
+        These are the other measured ones, and the synthetic ones that were made without the tested
+        machines, or all synthetic ones if a class would be missing.
         """
         specimen = np.array(self.table.specimen, dtype=np.str_)
         is_measured = ~self.is_synthetic & ~np.isin(np.arange(len(self.target)), tested)
@@ -139,6 +140,7 @@ class _TrainingTables:
 
     def fit_heads(self, values: np.ndarray, rows: np.ndarray, seed: int) -> Heads:
         """Return heads fitted to some recordings and their noisy copies."""
+        # Recordings of machines without references have no changes.
         rows = rows[np.isfinite(values[:, rows]).all(axis=(0, 2))]
         return fit_heads(values[:, rows], self.target[rows], self.n_classes, seed)
 
@@ -192,25 +194,38 @@ def _try_heads(tables: _TrainingTables, answers: OutOfFoldPredictions, seed: int
     by_windows = np.zeros((len(names), tables.n_classes))
     np.add.at(by_windows, recording_index, _log_probability(answers.probability))
     by_windows /= np.bincount(recording_index)[:, None]
+    votes = (
+        by_windows,
+        _out_of_fold_votes(tables, tables.on_band_powers, tested, fold, seed),
+        _out_of_fold_votes(tables, tables.on_changes, tested, fold, seed),
+    )
 
-    inputs = [tables.on_band_powers, tables.on_changes]
-    by_heads: list[np.ndarray | None] = []
-    for values in inputs:
-        empty = np.full((len(tested), tables.n_classes), np.nan)
-        by_heads.append(None if values is None else empty)
+    target = tables.target[tested]
+    temperatures = [1.0 if vote is None else _fit_temperature(vote, target) for vote in votes]
+    return RecordingTrial(votes, target, np.array(temperatures))
+
+
+def _out_of_fold_votes(
+    tables: _TrainingTables,
+    values: Float[np.ndarray, "copy recording column"] | None,
+    tested: Int64[np.ndarray, " tested"],
+    fold: Int64[np.ndarray, " tested"],
+    seed: int,
+) -> Float64[np.ndarray, "tested class"] | None:
+    """Return log-probabilities of the tested recordings by heads fitted without their fold.
+
+    None if there are no values for such heads.
+    """
+    if values is None:
+        return None
+
+    votes = np.full((len(tested), tables.n_classes), np.nan)
     for number in np.unique(fold):
         members = fold == number
         rows = tables.training_rows(tested[members])
-        head_seed = derive_seed(seed, "trial", int(number))
-        for values, by_head in zip(inputs, by_heads, strict=True):
-            if values is not None and by_head is not None:
-                heads = tables.fit_heads(values, rows, head_seed)
-                by_head[members] = heads.log_probabilities(values[0, tested[members]])
-
-    target = tables.target[tested]
-    votes = (by_windows, *by_heads)
-    temperatures = [1.0 if vote is None else _fit_temperature(vote, target) for vote in votes]
-    return RecordingTrial(votes, target, np.array(temperatures))
+        heads = tables.fit_heads(values, rows, derive_seed(seed, "trial", int(number)))
+        votes[members] = heads.log_probabilities(values[0, tested[members]])
+    return votes
 
 
 def _fit_temperature(

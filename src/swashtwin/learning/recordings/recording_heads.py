@@ -31,7 +31,7 @@ class Head:
         return Forest.of_tensors(dict(self.trees))
 
     def fits(self, n_columns: int, n_classes: int) -> bool:
-        """Return whether it has these classes and compares none but these columns."""
+        """Return whether its trees have these classes and compare only these columns."""
         has_classes = self._forest.probability.shape[1] == n_classes
         return has_classes and int(self._forest.column.max(initial=-1)) < n_columns
 

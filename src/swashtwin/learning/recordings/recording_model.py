@@ -27,7 +27,7 @@ LogProbabilities = Float64[np.ndarray, "row class"]
 
 @dataclass(frozen=True, eq=False)
 class RecordingModel:
-    """Heads on whole recordings, each with a temperature fitted to its answers on held-out machines.
+    """Heads on whole recordings, each with a temperature fitted on held-out machines.
 
     The probability of a recording is the mean over the heads, each tempered: a head that was too
     sure of unknown machines is flat and counts little. Heads on changes answer if the machine has

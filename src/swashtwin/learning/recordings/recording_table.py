@@ -66,14 +66,14 @@ class RecordingTable:
                 machines.append(name)
         return tuple(machines)
 
-    def joined(self, other: "RecordingTable") -> "RecordingTable":
-        """Return these and further recordings; of two with one id the further one."""
-        remaining = self.only(~np.isin(self.recording_id, other.recording_id))
+    def joined(self, further: "RecordingTable") -> "RecordingTable":
+        """Return these and further recordings; a further one replaces one of the same id."""
+        original = self.only(~np.isin(self.recording_id, further.recording_id))
         return RecordingTable(
-            band_powers=np.concatenate([remaining.band_powers, other.band_powers]),
-            specimen=remaining.specimen + other.specimen,
-            condition=np.concatenate([remaining.condition, other.condition]),
-            recording_id=remaining.recording_id + other.recording_id,
+            band_powers=np.concatenate([original.band_powers, further.band_powers]),
+            specimen=original.specimen + further.specimen,
+            condition=np.concatenate([original.condition, further.condition]),
+            recording_id=original.recording_id + further.recording_id,
         )
 
     def only(self, mask: Bool[np.ndarray, " reference"]) -> "RecordingTable":
@@ -91,16 +91,18 @@ class RecordingTable:
     ) -> Float32[np.ndarray, "recording channel band"]:
         """Return the changes of recordings from this table of healthy ones.
 
-        Each is compared with the other recordings of its machine; without any it is NaN. The effect
-        of an operating point is the same for all machines (`_point_effects`) and is subtracted, as
-        other machines have it: so each healthy recording of a machine counts, those near the
-        recording's operating point most. A channel that moved as a whole is taken for a gain
-        (`RecordingBandLayout.without_gain`).
+        Each is compared with the other recordings of its machine; without any, its changes are NaN.
+        The effect of an operating point is taken to be the same for all machines. It is estimated
+        on the other machines (`_point_effects`) and subtracted, so that every healthy recording of
+        a machine counts, those near the recording's operating point most. The change of a channel
+        as a whole is taken for a gain (`RecordingBandLayout.without_gain`).
         """
         ids = np.array(self.recording_id, dtype=np.str_)
         changes = np.full(recordings.band_powers.shape, np.nan, dtype=np.float32)
-        facts = zip(recordings.specimen, recordings.condition, recordings.recording_id, strict=True)
-        for row, (specimen, condition, recording_id) in enumerate(facts):
+        columns = zip(
+            recordings.specimen, recordings.condition, recordings.recording_id, strict=True
+        )
+        for row, (specimen, condition, recording_id) in enumerate(columns):
             references = np.flatnonzero((self._specimens == specimen) & (ids != recording_id))
             if not specimen or not references.size:
                 continue
@@ -121,8 +123,8 @@ class RecordingTable:
         lack it is the mean of those around, the nearest most.
         """
         if specimen not in self._effects_without:
-            others = self.only(self._specimens != specimen)
-            self._effects_without[specimen] = _point_effects(others)
+            other_machines = self.only(self._specimens != specimen)
+            self._effects_without[specimen] = _point_effects(other_machines)
         points, effects = self._effects_without[specimen]
         if not len(points):
             return np.zeros(self.band_powers.shape[1:])

@@ -18,8 +18,8 @@ from swashtwin.learning.windows.cutting import cut_windows
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 from swashtwin.recordings import Manifest, Recording
 
-TOGETHER = 32
-"""Windows that pass a network together in prediction: so many stay in the processor's cache."""
+WINDOWS_PER_BLOCK = 32
+"""Windows that pass a network together in prediction: this many fit into the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +60,10 @@ class Normalization:
         return np.concatenate([samples for samples, _ in self.blocks(windows)])
 
     def blocks(self, windows: WindowSet) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield the scaled samples, and the shaft's turns per sample, of `TOGETHER` windows."""
+        """Yield scaled samples and the shaft's turns per sample, `WINDOWS_PER_BLOCK` at a time."""
         turns = windows.turns_per_sample
-        for start in range(0, len(windows), TOGETHER):
-            block = slice(start, start + TOGETHER)
+        for start in range(0, len(windows), WINDOWS_PER_BLOCK):
+            block = slice(start, start + WINDOWS_PER_BLOCK)
             samples = windows.signal[block]
             if self.kind == "window":
                 mean = samples.mean(axis=2, dtype=np.float64)
@@ -96,8 +96,8 @@ class FittedClassifier:
     seed: int
     history: tuple[Epoch, ...]
     manifest: Manifest
-    """All recordings with a part in it (training, validation, calibration), by id with the hashes of
-    their content; none may be tested on.
+    """All recordings with a part in it (training, validation, calibration), by id with the hashes
+    of their content; none may be tested on.
     """
     pressures: tuple[float, ...]
     """Discharge pressures it was trained at [Pa], ascending; empty if unknown."""
@@ -110,7 +110,7 @@ class FittedClassifier:
     fault_of: Mapping[str, str] = field(default_factory=dict)
     """Fault of the model (`swashtwin.pump`) for which a class of another name stands."""
     confidence: Confidence | None = None
-    """Calibrated confidence (`learn_confidence`, `cross_fitted_confidence`); None if not calibrated."""
+    """Confidence (`learn_confidence`, `cross_fitted_confidence`); None if not calibrated."""
     recordings: RecordingModel | None = None
     """Heads on whole recordings (`fit_best_candidate`); None if the network was specified, or
     recordings were too short.
@@ -138,8 +138,8 @@ class FittedClassifier:
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Return the probability of each class for each window; rows sum to 1.
 
-        They are NaN, and there is no verdict, if the square of a scaled sample, a feature or a
-        score of the window is not finite.
+        They are NaN if the square of a scaled sample, a feature or a score of the window is not
+        finite; then there is no verdict.
 
         Raises
         ------
@@ -168,7 +168,7 @@ class FittedClassifier:
         return self.confidence
 
     def with_healthy(self, windows: WindowSet) -> "FittedClassifier":
-        """Return the classifier with further healthy recordings, by their windows, to compare with."""
+        """Return the classifier with further healthy recordings to compare others with."""
         assert self.recordings is not None
         healthy_table = self.recordings.table(windows)
         return replace(self, recordings=self.recordings.with_healthy(healthy_table))
@@ -201,10 +201,10 @@ class FittedClassifier:
     ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
         """Return `predict_proba` and `reference_features` of each window.
 
-        A verdict rests on the former, the trust in it on the latter. The features are of the
-        unscaled samples: they separate a new class better than those that a `BandPowerNetwork`
-        decides by, and far better than the last layer, in which a class that it never saw fell
-        among the trained ones (docs/explanation/diagnosis.md).
+        The verdict rests on the former, its out-of-distribution score on the latter. These features
+        are of the unscaled samples. They separate a new class better than the features of a
+        `BandPowerNetwork`, and far better than a last layer, in which a class that was not trained
+        fell among the trained ones (docs/explanation/diagnosis.md).
         """
         return self.predict_proba(windows), reference_features(windows)
 

@@ -1,6 +1,7 @@
-"""How reliable a classifier's answers are: temperature, prediction sets, and unknown recordings.
+"""Confidence in a classifier's answers: temperature, prediction sets, unknown recordings, pooling.
 
-All of it is learned from answers to recordings on which the answering model was not trained.
+It is calibrated on answers to recordings that the answering model was not trained on
+(`evaluation.confidence_calibration`).
 """
 
 import math
@@ -13,10 +14,16 @@ from jaxtyping import Bool, Float, Float64, Int, Int64
 
 from swashtwin.foundation import InputError, plural
 
+DEFAULT_ERROR_RATE = 0.1
+"""Error rate of prediction sets if none is specified, and the recordings allow it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Confidence:
-    """Temperature, prediction sets and threshold for unknown recordings, from validation recordings."""
+    """Temperature, prediction sets and threshold for unknown recordings.
+
+    All three come from validation recordings.
+    """
 
     temperature: float
     """T by which the log-probabilities of a single window are divided: p_c^(1/T) / Σ p^(1/T) (Guo
@@ -94,7 +101,8 @@ class Confidence:
         Examples
         --------
         >>> scores = np.linspace(0.0, 1.0, 9)
-        >>> confidence = Confidence(2.0, 0.5, (1,), scores[None], np.zeros(9, dtype=np.int64), scores, 0.1)
+        >>> target = np.zeros(9, dtype=np.int64)
+        >>> confidence = Confidence(2.0, 0.5, (1,), scores[None], target, scores, 0.1)
         >>> confidence.temperature_scaled(np.array([0.96, 0.04]), 20).round(2)
         array([0.95, 0.05])
         """
@@ -231,7 +239,7 @@ def require_validation_recordings(
 
 
 def validation_share(
-    n_recordings: int, error_rate: float = 0.1, fraction: float = 0.2
+    n_recordings: int, error_rate: float = DEFAULT_ERROR_RATE, fraction: float = 0.2
 ) -> tuple[float, int]:
     """Return the share of the recordings to hold out for validation, and about how many these are.
 
@@ -246,8 +254,9 @@ def validation_share(
     if round(n_recordings * fraction) >= needed:
         return fraction, round(n_recordings * fraction)
 
-    largest_k = int(1 / fraction + _ROUNDING)
-    n_folds = max(2, min(largest_k, n_recordings // needed))
+    # Two folds at least: half of the recordings is the most that is held out.
+    max_folds = int(1 / fraction + _ROUNDING)
+    n_folds = max(2, min(max_folds, n_recordings // needed))
     return round(1 / n_folds, 3), n_recordings // n_folds
 
 
@@ -286,7 +295,7 @@ def nonconformity_scores(
     return np.asarray(-np.log(np.maximum(probability, 1e-300)), dtype=np.float64)
 
 
-# Bounds of the temperature.
+# Bounds of the temperature: answers that are no better than chance would drive it to infinity.
 _TEMPERATURES = (0.05, 100.0)
 
 # Dependences that the search starts from; it stays at the first if no recording has two windows.

@@ -24,7 +24,7 @@ from swashtwin.foundation import (
     translate_load_errors,
 )
 from swashtwin.learning.networks.network import Network
-from swashtwin.learning.training.classifier import TOGETHER, Normalization
+from swashtwin.learning.training.classifier import WINDOWS_PER_BLOCK, Normalization
 from swashtwin.learning.training.settings import Epoch, TrainingSettings, transform_windows
 from swashtwin.learning.training.steps import Steps, adam, is_replayed
 from swashtwin.learning.windows.window_set import WindowSet
@@ -165,7 +165,7 @@ class _EpochSignals:
                 [
                     self._network.represent_at(batch.to(device), batch_turns.to(device))
                     for batch, batch_turns in zip(
-                        signal.split(TOGETHER), turns.split(TOGETHER), strict=True
+                        signal.split(WINDOWS_PER_BLOCK), turns.split(WINDOWS_PER_BLOCK), strict=True
                     )
                 ]
             )

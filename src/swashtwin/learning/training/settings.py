@@ -49,8 +49,7 @@ class TrainingSettings:
     learning_rate: float = 1e-3
     decay: str = "none"
     """``"none"`` keeps the learning rate, as the paper does; ``"cosine"`` lets it fall to nothing
-    over the epochs (our addition), so that the last epoch does not depend on where its last steps
-    jumped.
+    over the epochs (our addition), so that the result does not depend on its last steps.
     """
     class_weights: bool = False
     """Whether each class has the same weight in the loss: a window of class c n / (C n_c)."""
@@ -75,12 +74,12 @@ class TrainingSettings:
     """
     stretch: float = 0.0
     """Largest relative change of speed of half the windows, drawn anew in each epoch, as if the
-    shaft turned a little faster or slower (`at_other_speeds`); 0 for none.
+    shaft turned a little faster or slower (`with_speed_changes`); 0 for none.
     """
     # Not in the repr, by which finished runs of earlier versions are recognized.
     precision: str = field(default="float32", repr=False)
     """``"bfloat16"`` lets convolutions and dense layers compute in 16 bits while they are trained
-    (torch's autocast): faster where the processor has such instructions. Weights, losses and
+    (torch's autocast), which is faster on processors with such instructions. Weights, losses and
     predictions stay in 32 bits.
     """
 
@@ -135,8 +134,8 @@ class TrainingSettings:
     def _require(self, name: str, is_valid: bool, allowed: str) -> None:
         if not is_valid:
             value = getattr(self, name)
-            shown = f"{value:g}" if isinstance(value, float) else value
-            raise InputError(f"{name} ({shown}) must be {allowed}.", field=name)
+            text = f"{value:g}" if isinstance(value, float) else value
+            raise InputError(f"{name} ({text}) must be {allowed}.", field=name)
 
     def _require_one_of(self, name: str, values: Sequence[str]) -> None:
         self._require(name, getattr(self, name) in values, f"one of {', '.join(values)}")
@@ -169,9 +168,9 @@ PAPER_TRAINING = TrainingSettings()
 RECOMMENDED_TRAINING = TrainingSettings(
     epochs=30, batch_size=64, learning_rate=2e-3, decay="cosine", normalization="set"
 )
-"""Our training: a learning rate that falls to zero needs only 30 epochs, and one scale for the whole
-training set keeps the level, which a fault changes. Chosen on fleets 100 to 102 of the virtual rig, on which no
-study is reported (docs/explanation/networks.md).
+"""Our training: a learning rate that falls to zero needs only 30 epochs, and one scale for the
+whole training set keeps the overall level, which a fault changes. Chosen on fleets 100 to 102 of the
+virtual rig, on which no study is reported (docs/explanation/networks.md).
 """
 
 
@@ -221,7 +220,7 @@ def transform_windows(
     if settings.stretch:
         rows, rng = draw("stretch", _GAIN_AND_STRETCH_SHARE)
         if rows.size:
-            signal[rows] = at_other_speeds(signal[rows], settings.stretch, rng)
+            signal[rows] = with_speed_changes(signal[rows], settings.stretch, rng)
     if settings.gain:
         rows, rng = draw("gain", _GAIN_AND_STRETCH_SHARE)
         if rows.size:
@@ -274,7 +273,7 @@ def with_gains(signal: Samples, max_gain: float, rng: np.random.Generator) -> Sa
     return (signal * 10 ** (gain / 20)).astype(np.float32)
 
 
-def at_other_speeds(signal: Samples, max_change: float, rng: np.random.Generator) -> Samples:
+def with_speed_changes(signal: Samples, max_change: float, rng: np.random.Generator) -> Samples:
     """Return the windows as at a slightly higher or lower speed of the shaft.
 
     The relative change is uniform within `max_change`. Time is stretched about the window's middle;

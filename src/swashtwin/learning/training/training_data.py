@@ -1,4 +1,4 @@
-"""`TrainingData`: the windows that a classifier is trained on, and those held out of its training."""
+"""Windows that a classifier is trained on, and those held out of its training."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,6 +7,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, LeakError
 from swashtwin.learning.training.confidence import (
+    DEFAULT_ERROR_RATE,
     allowed_error_rate,
     min_validation_recordings,
     require_validation_recordings,
@@ -25,9 +26,6 @@ from swashtwin.recordings import (
     find_duplicates,
     join_manifests,
 )
-
-DEFAULT_ERROR_RATE = 0.1
-"""Error rate of prediction sets if none is specified."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +116,7 @@ def prepare_training_data(
             seed=seed,
         )
 
+    # Checked before synthetic windows are added: one made from a test recording would leak it.
     _require_untouched(test, synthetic_manifest)
     training = _add_synthetic(data.training, synthetic)
     check_disjoint(training, test)
@@ -198,11 +197,11 @@ def _add_synthetic(measured: WindowSet, synthetic: Sequence[WindowSet]) -> Windo
     synthetic_classes = {name for windows in synthetic for name in windows.classes}
     classes = (*measured.classes, *sorted(synthetic_classes - set(measured.classes)))
 
-    together = measured.with_classes(classes)
+    combined = measured.with_classes(classes)
     for windows in synthetic:
         require_shared_speed(measured, windows)
-        together = together + windows.with_classes(classes)
-    return together
+        combined = combined + windows.with_classes(classes)
+    return combined
 
 
 def _duplicate_notes(windows: WindowSet) -> list[str]:

@@ -15,9 +15,9 @@ from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import log_band_powers
 
 STATISTICS = ("level", "noise_floor", "line_share", "offset", "similarity")
-"""Statistics of a signal [dB]: its variance; the power density that a tenth of the spectrum stays
-below; the share of the power in the strongest fiftieth of the lines; the square of the mean over the
-variance; and what another channel explains, as -log(1 - r^2).
+"""Statistics of a signal [dB]: its variance; the power density below which a tenth of the spectrum
+lies; the share of the power in the strongest fiftieth of the lines; the square of the mean over the
+variance; and the share that another channel explains, as -log(1 - r^2).
 """
 N_BANDS = 16
 """Logarithmic bands [dB] that follow the `STATISTICS`; swapped channels are recognized by them."""
@@ -142,7 +142,7 @@ def deviating_statistics(
     recorded = statistics[:, : len(STATISTICS)]
     spread = np.maximum(values.std(axis=0), _MIN_SPREAD_DB)
     if len(training) >= _MIN_RECORDINGS:
-        max_deviation = max(_usual_deviation(values, machines, spread), 0.0)
+        max_deviation = max(_typical_deviation(values, machines, spread), 0.0)
         min_excess = _MIN_EXCESS_DB
     else:
         max_deviation = 0.0
@@ -166,7 +166,7 @@ def deviating_statistics(
     return tuple(sorted(outside, key=lambda statistic: -statistic.deviation))
 
 
-def _usual_deviation(values: np.ndarray, machines: Sequence[str], spread: np.ndarray) -> float:
+def _typical_deviation(values: np.ndarray, machines: Sequence[str], spread: np.ndarray) -> float:
     """Return the deviation that all but `ERROR_RATE` of the training recordings stay below."""
     group = np.unique(machines, return_inverse=True)[1]
     if group.max() == 0:  # a single machine: compare each recording with the others
@@ -210,15 +210,15 @@ def swapped_channels(
         return np.asarray(np.sqrt(np.mean(((rows - mean) / spread) ** 2, axis=-1)))
 
     max_trained_distance = distances(profiles).max(axis=0)
-    distance = distances(profile[:, None])  # of each channel from the mean of each
+    distance = distances(profile[:, None])  # row: channel of the recording; column: of the training
     straight = np.diag(distance)
     crossed = distance + distance.T
     ratio = crossed / np.maximum(straight[:, None] + straight, 1e-12)
 
-    is_usual = straight <= max_trained_distance
+    is_typical = straight <= max_trained_distance
     ratio[np.diag_indices(len(ratio))] = np.inf
-    ratio[is_usual] = np.inf
-    ratio[:, is_usual] = np.inf
+    ratio[is_typical] = np.inf
+    ratio[:, is_typical] = np.inf
     first, second = np.unravel_index(ratio.argmin(), ratio.shape)
     if ratio[first, second] >= _MIN_SWAP_RATIO:
         return None
@@ -231,7 +231,7 @@ order of their ids.
 """
 
 # Share of the held-out training recordings whose distance is above 1.
-_FAR_SHARE = 0.1
+_TAIL_SHARE = 0.1
 
 _N_FOLDS = 10
 
@@ -414,15 +414,15 @@ def scaled_reference(reference: TrainingReference) -> TrainingReference:
     differs from the few others of the training would set the scale for all later ones. If one scale
     is unknown, the other one is taken, or 1.
     """
-    alone = [reference.held_out_distances(_folds(len(reference.label)))]
-    together = alone
+    by_fold = [reference.held_out_distances(_folds(len(reference.label)))]
+    by_machine = by_fold
     machines, group = np.unique(reference.specimen, return_inverse=True)
     if len(machines) > 1:
         distance = reference.held_out_distances(group)
-        together = [distance[group == number] for number in range(len(machines))]
+        by_machine = [distance[group == number] for number in range(len(machines))]
 
-    scale_alone = _median_far_distance(alone)
-    scale_together = _median_far_distance(together)
+    scale_alone = _median_tail_distance(by_fold)
+    scale_together = _median_tail_distance(by_machine)
     scales = (
         scale_alone or scale_together or 1.0,
         scale_together or scale_alone or 1.0,
@@ -430,16 +430,19 @@ def scaled_reference(reference: TrainingReference) -> TrainingReference:
     return replace(reference, distance_scales=scales)
 
 
-def _median_far_distance(distances: list[np.ndarray]) -> float:
+def _median_tail_distance(distances: list[np.ndarray]) -> float:
     """Return the median over the parts of the distance that nine in ten do not exceed.
 
     0 if no recording has a distance, or the median is not positive.
     """
-    known = [part[~np.isnan(part)] for part in distances]
-    far = [float(np.quantile(part, 1 - _FAR_SHARE)) for part in known if part.size]
-    if not far:
+    quantiles = []
+    for part in distances:
+        defined = part[~np.isnan(part)]
+        if defined.size:
+            quantiles.append(float(np.quantile(defined, 1 - _TAIL_SHARE)))
+    if not quantiles:
         return 0.0
-    return max(float(np.median(far)), 0.0)
+    return max(float(np.median(quantiles)), 0.0)
 
 
 def _folds(count: int) -> Int[np.ndarray, " reference"]:

@@ -124,8 +124,8 @@ def window_batches(
         require_usable(recording)
         n_windows = _count_windows(recording, length, stride)
         for first in range(0, n_windows, batch):
-            last = min(first + batch, n_windows)
-            windows = _slices(recording, length, stride, first, last)
+            end = min(first + batch, n_windows)
+            windows = _slices(recording, length, stride, first, end)
             yield _assemble([recording], [windows], stride, class_names, {}, first * stride)
 
 
@@ -162,13 +162,13 @@ def _count_windows(recording: Recording, length: int, stride: int) -> int:
 
 
 def _slices(
-    recording: Recording, length: int, stride: int, first: int, last: int
+    recording: Recording, length: int, stride: int, first: int, end: int
 ) -> Float32[np.ndarray, "window channel time"]:
-    """Return the windows from number `first` to before `last`; the file is read in blocks."""
-    windows = np.empty((last - first, len(recording.channels), length), dtype=np.float32)
+    """Return the windows from number `first` to before `end`; the file is read in blocks."""
+    windows = np.empty((end - first, len(recording.channels), length), dtype=np.float32)
     block_size = max(1, BLOCK_SAMPLES // stride)
-    for start in range(first, last, block_size):
-        stop = min(start + block_size, last)
+    for start in range(first, end, block_size):
+        stop = min(start + block_size, end)
         signal = recording.samples.signal_part(start * stride, (stop - 1) * stride + length)
         views = np.lib.stride_tricks.sliding_window_view(signal, length, axis=1)[:, ::stride]
         windows[start - first : stop - first] = views.transpose(1, 0, 2)

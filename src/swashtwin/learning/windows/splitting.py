@@ -61,11 +61,12 @@ def window_groups(
     """
     n_recordings = np.unique(windows.recording_id).size
     if isinstance(group, Mapping):
-        missing = [name for name in np.unique(windows.recording_id).tolist() if name not in group]
-        if missing:
-            raise DataError(missing_group_message(missing, n_recordings, "group"))
-        names = [str(group[name]) for name in windows.recording_id.tolist()]
-        return np.array(names, dtype=np.str_)
+        names = np.unique(windows.recording_id).tolist()
+        ungrouped = [name for name in names if name not in group]
+        if ungrouped:
+            raise DataError(missing_group_message(ungrouped, n_recordings, "group"))
+        group_names = [str(group[name]) for name in windows.recording_id.tolist()]
+        return np.array(group_names, dtype=np.str_)
 
     if group == "recording":
         return windows.recording_id
@@ -81,8 +82,8 @@ def window_groups(
 
     has_specimen = windows.specimen != ""
     if not has_specimen.all():
-        missing = np.unique(windows.recording_id[~has_specimen]).tolist()
-        raise DataError(missing_group_message(missing, n_recordings, group))
+        ungrouped = np.unique(windows.recording_id[~has_specimen]).tolist()
+        raise DataError(missing_group_message(ungrouped, n_recordings, group))
     return windows.specimen
 
 
@@ -131,6 +132,7 @@ def split_by_recording(
     group_name = group if isinstance(group, str) else "group"
     _require_two_groups(windows, groups, f"{group_name}(s)")
 
+    # A recording that synthetic windows were made from ties its whole group to the training set.
     tied_names = sorted(find_copies(join_manifests([keep_in_training]), windows.recordings))
     tied_groups = groups[np.isin(windows.recording_id, tied_names)]
     is_free = ~np.isin(groups, tied_groups)

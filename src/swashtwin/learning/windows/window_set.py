@@ -197,10 +197,10 @@ class WindowSet:
         """
         order = {name: index for index, name in enumerate(classes)}
         present = [self.classes[index] for index in np.unique(self.target) if index >= 0]
-        missing = [name for name in present if name not in order]
-        if missing:
+        excluded = [name for name in present if name not in order]
+        if excluded:
             raise InputError(
-                f"The class {missing[0]!r} has windows and is not among the classes "
+                f"The class {excluded[0]!r} has windows and is not among the classes "
                 f"{', '.join(classes)}."
             )
 

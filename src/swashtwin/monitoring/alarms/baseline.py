@@ -185,7 +185,7 @@ class OperatingPointBaseline:
         band = self.layout.band_powers[index]
         which = "this" if is_new else "an earlier"
         return (
-            f"not learned from {which} recording: {change[index]:+.1f} dB at {band.words()}, "
+            f"not learned from {which} recording: {change[index]:+.1f} dB at {band.describe()}, "
             f"channel {band.channel}, against the others."
         )
 
@@ -288,7 +288,7 @@ def load_baseline(table: Mapping[str, Any]) -> OperatingPointBaseline:
 @lru_cache(maxsize=N_CACHED_LAYOUTS)
 def band_names(layout: BandPowerLayout) -> Sequence[tuple[str, str]]:
     """Return channel and name of each band power."""
-    return [(band.channel, band.words()) for band in layout.band_powers]
+    return [(band.channel, band.describe()) for band in layout.band_powers]
 
 
 def measure_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_band"]:

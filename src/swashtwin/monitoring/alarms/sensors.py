@@ -327,7 +327,7 @@ def _describe_fall(
     index = int(np.argmin(change / baseline.spread))
     band = baseline.layout.band_powers[index]
     sentence = (
-        f"band powers fell and none rose ({change[index]:+.1f} dB at {band.words()}, channel "
+        f"band powers fell and none rose ({change[index]:+.1f} dB at {band.describe()}, channel "
         f"{band.channel}). Check gain and mounting, or whether the pump runs differently."
     )
     return SensorFinding("fallen", band.channel, sentence)

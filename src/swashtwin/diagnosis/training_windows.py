@@ -9,7 +9,7 @@ import numpy as np
 from swashtwin.diagnosis.recording_arguments import as_recordings, relabel_recordings
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import WindowSet, cut_windows
-from swashtwin.pump import FAULT_KINDS, canonical_label, is_healthy, propose_class
+from swashtwin.pump import canonical_label, is_healthy, propose_class
 from swashtwin.recordings import Recording, default_window
 
 # Samples per window of a network that has its own default: the paper's.
@@ -95,6 +95,9 @@ def unify_class_names(
     InputError
         A class of `fault_of` was not measured, or its fault cannot be simulated.
     """
+    # A diagnosis imports this module too, but does not need the faults of the model.
+    from swashtwin.pump import FAULT_KINDS
+
     for label, fault in fault_of.items():
         if label not in measured:
             raise InputError(
@@ -102,11 +105,12 @@ def unify_class_names(
                 f"recordings are of {', '.join(sorted(measured))}.",
                 field="fault_of",
             )
-    synthetic_names = list(
-        dict.fromkeys(
-            str(label) for windows in synthetic_sets for label in np.unique(windows.label)
-        )
-    )
+
+    synthetic_names: list[str] = []
+    for windows in synthetic_sets:
+        for label in np.unique(windows.label):
+            if str(label) not in synthetic_names:
+                synthetic_names.append(str(label))
 
     new_names = {
         canonical_label(fault, tuple(FAULT_KINDS)): label for label, fault in fault_of.items()

@@ -14,7 +14,7 @@ from swashtwin.recordings.channel_statistics import (
 )
 from swashtwin.recordings.findings import Finding
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.specified_facts import specified_shaft_frequency
+from swashtwin.recordings.recording_facts import specified_shaft_frequency
 
 # Windows are in single precision.
 _MAX_VALUE = float(np.finfo(np.float32).max)

@@ -22,7 +22,7 @@ from swashtwin.recordings.grouping import (
 from swashtwin.recordings.hdf5_store import is_store, load_store
 from swashtwin.recordings.index_reading import load_index
 from swashtwin.recordings.recording import Recording, require_unique_ids
-from swashtwin.recordings.specified_facts import specified_pressure, specified_speed
+from swashtwin.recordings.recording_facts import specified_pressure, specified_speed
 
 # Values that a message lists.
 _MAX_LISTED_VALUES = 12

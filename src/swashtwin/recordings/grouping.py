@@ -10,7 +10,7 @@ from jaxtyping import Float
 from swashtwin.foundation import DataError, InputError
 from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.specified_facts import specified_pressure, specified_speed
+from swashtwin.recordings.recording_facts import specified_pressure, specified_speed
 
 GROUPS = ("recording", "specimen", "condition")
 """Groups of every data set: each gives one split (L2, L4, L3)."""

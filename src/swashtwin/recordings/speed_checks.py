@@ -9,7 +9,7 @@ from jaxtyping import Float
 from swashtwin.recordings.channel_statistics import ChannelStatistics
 from swashtwin.recordings.findings import Finding
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.specified_facts import specified_shaft_frequency
+from swashtwin.recordings.recording_facts import specified_shaft_frequency
 
 _HARMONICS = 10
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from swashtwin.foundation import DataError
 from swashtwin.recordings.findings import Finding
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.specified_facts import specified_shaft_frequency
+from swashtwin.recordings.recording_facts import specified_shaft_frequency
 
 # Time [s] that a default window spans, so that a spectrum resolves the shaft's orders.
 #

@@ -41,10 +41,15 @@ def collect_notes(
     doubts = list(_describe_bounds(objective, result, estimates))
     if misfit > MAX_MISFIT:
         doubts.append(_describe_misfit(objective, result, misfit, hypotheses))
-    doubts += [hypothesis.description for hypothesis in hypotheses]
+    doubts += [
+        f"the misfit falls from {misfit:.2g} to {hypothesis.misfit:.2g} if {hypothesis.mistake}"
+        for hypothesis in hypotheses
+    ]
     if doubts:
-        end = "" if doubts[-1].endswith("?") else "."
-        notes.append("; ".join(doubts) + end)
+        note = "; ".join(doubts)
+        if not note.endswith("?"):
+            note += "."
+        notes.append(note)
 
     not_identified = [
         estimate.symbol for estimate in estimates if estimate.verdict == "not identified"
@@ -84,8 +89,8 @@ def _describe_misfit(
         if abs(distance[index]) > MIN_REPORTED_STDS and not names[index].startswith("mode ")
     ]
     if far_constants:
-        named = ", ".join(far_constants[:_MAX_NAMED_CONSTANTS])
-        return f"{message}; farthest from what was specified: {named}"
+        farthest = ", ".join(far_constants[:_MAX_NAMED_CONSTANTS])
+        return f"{message}; farthest from what was specified: {farthest}"
     return f"{message}; the model lacks something (housing modes, wrong constants)"
 
 

@@ -86,5 +86,7 @@ class FaultLaw:
         if not isinstance(fault, SwashPlateDefect):
             return 1.0
         depth = self.estimates[0]
-        recorded_depth = depth.value if depth.is_constrained else depth.nominal
+        recorded_depth = depth.nominal
+        if depth.is_constrained:
+            recorded_depth = depth.value
         return float(self.noise_factor ** (fault.depth / recorded_depth))

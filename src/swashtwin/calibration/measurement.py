@@ -308,6 +308,14 @@ def line_orders(twin: Twin, band: tuple[float, float], lines: Lines) -> Int[np.n
     piston_count = twin.pump.rotating_group.piston_count
     shaft_frequency = twin.condition.shaft_frequency
 
+    step = 1
+    spacing_name = "shaft"
+    if lines == "piston":
+        step = piston_count
+        spacing_name = "piston-pass"
+    spacing = step * shaft_frequency
+    n_lines = int(high / spacing)
+
     if lines == "shaft":
         # the first order is unbalance, which every pump has
         has_shaft_lines = ((twin.orders % piston_count > 0) & (twin.orders > 1)).any()
@@ -317,18 +325,14 @@ def line_orders(twin: Twin, band: tuple[float, float], lines: Lines) -> Int[np.n
                 f"{twin.label} has lines at multiples of {piston_count} only. Use the piston-pass "
                 "lines."
             )
-        orders = np.arange(1, min(MAX_SHAFT_ORDER, int(high / shaft_frequency)) + 1)
-    else:
-        step = 1 if lines == "spectrum" else piston_count
-        orders = step * np.arange(1, int(high / (step * shaft_frequency)) + 1)
+        n_lines = min(MAX_SHAFT_ORDER, n_lines)
 
+    orders = step * np.arange(1, n_lines + 1)
     orders = orders[orders * shaft_frequency >= low]
     if not len(orders):
-        is_piston = lines == "piston"
-        spacing = (piston_count if is_piston else 1) * shaft_frequency
         raise InputError(
-            f"band ({low:g}, {high:g}) Hz contains no multiple of the "
-            f"{'piston-pass' if is_piston else 'shaft'} frequency ({spacing:.1f} Hz)."
+            f"band ({low:g}, {high:g}) Hz contains no multiple of the {spacing_name} frequency "
+            f"({spacing:.1f} Hz)."
         )
     return orders
 

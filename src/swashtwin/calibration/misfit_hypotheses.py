@@ -75,20 +75,10 @@ class MisfitHypothesis:
     """The mistake, as a clause."""
     misfit: float
     """RMS of the missed lines, relative to what was expected, if the mistake had been made."""
-    original_misfit: float
-    """The same as calibrated."""
     start: Float[np.ndarray, " unknown"] | None = None
     """Coordinates of the same search that the mistake leads to; `None` if it changes something
     that is not searched.
     """
-
-    @property
-    def description(self) -> str:
-        """The hypothesis as a sentence without full stop."""
-        return (
-            f"the misfit falls from {self.original_misfit:.2g} to {self.misfit:.2g} if "
-            f"{self.mistake}"
-        )
 
 
 def find_suspected_mistakes(
@@ -124,7 +114,7 @@ def find_misfit_hypotheses(objective: Objective, misfit: float) -> tuple[MisfitH
         _free_supports,
         _free_gains,
     ):
-        hypotheses += make_mistake(objective, misfit)
+        hypotheses += make_mistake(objective)
 
     likely = sorted(
         (hypothesis for hypothesis in hypotheses if hypothesis.misfit < limit),
@@ -141,7 +131,7 @@ def _refit(objective: Objective) -> tuple[np.ndarray, float]:
     return point, compute_misfit(objective, point)
 
 
-def _swap_channels(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+def _swap_channels(objective: Objective) -> Iterator[MisfitHypothesis]:
     """Each pair of channels with each other's name."""
     for first, second in combinations(objective.channels, 2):
         names = {first: second, second: first}
@@ -150,7 +140,7 @@ def _swap_channels(objective: Objective, original_misfit: float) -> Iterator[Mis
         )
         _, misfit = _refit(replace(objective, comparisons=comparisons))
         mistake = f"{first} and {second} have each other's name: check the wiring"
-        yield MisfitHypothesis(mistake, misfit, original_misfit)
+        yield MisfitHypothesis(mistake, misfit)
 
 
 def _rename_channels(comparison: Comparison, names: dict[str, str]) -> Comparison:
@@ -165,19 +155,21 @@ def _rename_channels(comparison: Comparison, names: dict[str, str]) -> Compariso
     )
 
 
-def _change_topology(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+def _change_topology(objective: Objective) -> Iterator[MisfitHypothesis]:
     """The other topology."""
-    topology: Topology = "T2" if objective.twin.topology == "T1" else "T1"
+    topology: Topology = "T1"
+    if objective.twin.topology == "T1":
+        topology = "T2"
     comparisons = tuple(
         replace(comparison, twin=replace(comparison.twin, topology=topology))
         for comparison in objective.comparisons
     )
     _, misfit = _refit(replace(objective, comparisons=comparisons))
     mistake = f"the bodies are joined as in topology {topology}"
-    yield MisfitHypothesis(mistake, misfit, original_misfit)
+    yield MisfitHypothesis(mistake, misfit)
 
 
-def _change_pressure(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+def _change_pressure(objective: Objective) -> Iterator[MisfitHypothesis]:
     """Other discharge pressures than specified; the factor of smallest misfit."""
     refits = []
     for factor in PRESSURE_FACTORS:
@@ -191,10 +183,10 @@ def _change_pressure(objective: Objective, original_misfit: float) -> Iterator[M
 
     misfit, factor, point = min(refits, key=lambda refit: refit[0])
     mistake = f"the discharge pressure is about {factor:g} times the specified one"
-    yield MisfitHypothesis(mistake, misfit, original_misfit, point)
+    yield MisfitHypothesis(mistake, misfit, point)
 
 
-def _free_supports(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+def _free_supports(objective: Objective) -> Iterator[MisfitHypothesis]:
     """Each direction of the mounting, or each bearing, searched separately if it was not."""
     for kind, prefix in (("mount_axes", "mount_"), ("each_bearing", "bearing_")):
         if getattr(objective.unknowns.nuisances, kind) > 0:
@@ -209,7 +201,7 @@ def _free_supports(objective: Objective, original_misfit: float) -> Iterator[Mis
         ]
         if changes:
             mistake = f"{', '.join(changes)}: search each of them (nuisances=by-axis)"
-            yield MisfitHypothesis(mistake, misfit, original_misfit)
+            yield MisfitHypothesis(mistake, misfit)
 
 
 def describe_constant(name: str) -> str:
@@ -223,14 +215,16 @@ def describe_constant(name: str) -> str:
 
     kind, _, member = name.partition("_")
     if kind == "mount":
-        direction = "in tilt" if member == "tilt" else f"along {member}"
+        direction = f"along {member}"
+        if member == "tilt":
+            direction = "in tilt"
         return f"{CONSTANT_NAMES['mount']} {direction}"
     if kind == "bearing":
         return f"the stiffness of bearing {member}"
     return f"the share of {name} (cross-talk)"
 
 
-def _free_constants(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+def _free_constants(objective: Objective) -> Iterator[MisfitHypothesis]:
     """Each constant searched from other starts, also one that was searched."""
     for name, offsets in START_OFFSETS.items():
         if name == "excitation" and objective.twin.fault is None:
@@ -250,14 +244,15 @@ def _free_constants(objective: Objective, original_misfit: float) -> Iterator[Mi
         point, misfit = min(refits, key=lambda refit: refit[1])
 
         factor = float(np.exp(point[index] - twin_scale))
-        is_unit = name == "sensor" and _is_gravity(factor)
-        advice = _IN_G if is_unit else ": start the search there, or correct the pump file"
+        advice = ": start the search there, or correct the pump file"
+        if name == "sensor" and _is_gravity(factor):
+            advice = _IN_G
         mistake = f"{CONSTANT_NAMES[name]} is {factor:.2g} times the twin's{advice}"
         start_point = _as_start(objective, unknowns.names, point)
-        yield MisfitHypothesis(mistake, misfit, original_misfit, start_point)
+        yield MisfitHypothesis(mistake, misfit, start_point)
 
 
-def _free_gains(objective: Objective, original_misfit: float) -> Iterator[MisfitHypothesis]:
+def _free_gains(objective: Objective) -> Iterator[MisfitHypothesis]:
     """Each channel's gain searched: one that is far from the others' is in another unit."""
     channels = objective.channels
     if len(channels) < 2:
@@ -269,18 +264,22 @@ def _free_gains(objective: Objective, original_misfit: float) -> Iterator[Misfit
     index = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
     factor = float(gains[index] / np.median(gains))
 
-    advice = _IN_G if _is_gravity(factor) else ""
+    advice = ""
+    if _is_gravity(factor):
+        advice = _IN_G
     mistake = (
         f"{channels[index]} reads {factor:.2g} times what it should relative to the other "
         f"channels{advice}"
     )
     start_point = _as_start(objective, unknowns.names, point)
-    yield MisfitHypothesis(mistake, misfit, original_misfit, start_point)
+    yield MisfitHypothesis(mistake, misfit, start_point)
 
 
 def _as_start(objective: Objective, names: tuple[str, ...], point: np.ndarray) -> np.ndarray | None:
     """Return the point as a start of the objective's search; `None` if the coordinates differ."""
-    return point if names == objective.unknowns.names else None
+    if names != objective.unknowns.names:
+        return None
+    return point
 
 
 def _is_gravity(factor: float) -> bool:

@@ -287,7 +287,9 @@ class _Forecast:
         """
         recorded = [getattr(group.condition, name) for group in self.present]
         rated = self.calibration.nominal.pump.rated
-        limit = math.inf if rated is None else max(getattr(rated, name), *recorded)
+        limit = math.inf
+        if rated is not None:
+            limit = max(getattr(rated, name), *recorded)
         mean = float(np.mean(recorded))
         return sorted({min(factor * mean, limit) for factor in CANDIDATE_FACTORS})
 
@@ -313,15 +315,16 @@ class _Forecast:
         noise = self._line_noise(orders * condition.shaft_frequency, channels)
         deviation = noise / math.sqrt(self.duration)
 
-        joined = [
-            group
-            for group in self.present
-            if (group.condition, group.channels) == (condition, channels)
-        ]
-        others = [group for group in self.present if group not in joined]
-        if joined:
-            return [*others, joined[0].add_recording(deviation)]
-        return [*others, _RecordingGroup(condition, channels, orders, deviation, 1)]
+        groups = []
+        extended_group = None
+        for group in self.present:
+            if (group.condition, group.channels) == (condition, channels):
+                extended_group = group.add_recording(deviation)
+            else:
+                groups.append(group)
+        if extended_group is None:
+            extended_group = _RecordingGroup(condition, channels, orders, deviation, 1)
+        return [*groups, extended_group]
 
     def covariance(self, groups: Sequence[_RecordingGroup]) -> Float[np.ndarray, "6 6"]:
         """Return the expected covariance of the logarithms of the six values."""
@@ -358,11 +361,9 @@ class _Forecast:
 
         linearization = self._linearizations[key]
         (comparison,) = linearization.objective.comparisons
-        measurement = replace(
-            comparison.measurement,
-            deviation=group.deviation,
-            phasor_deviation=group.deviation if comparison.has_phases else None,
-        )
+        measurement = replace(comparison.measurement, deviation=group.deviation)
+        if comparison.has_phases:
+            measurement = replace(measurement, phasor_deviation=group.deviation)
         comparison = replace(comparison, measurement=measurement)
         objective = replace(linearization.objective, comparisons=(comparison,))
         return replace(linearization, objective=objective)

@@ -44,8 +44,6 @@ measurement.
 """
 CORRELATED = 0.9
 """Correlation above which two values are reported as correlated."""
-
-
 STRAINED_STDS = 2.5
 """Standard deviations of its prior by which a constant that is right is hardly ever off: the search
 ends at 4.
@@ -173,7 +171,10 @@ def build_estimates(
     estimates = []
     for index, name in enumerate(PARAMETERS):
         partner = int(np.argmax(correlation[index]))
-        is_correlated = correlation[index, partner] > CORRELATED
+        correlated_with = None
+        if correlation[index, partner] > CORRELATED:
+            correlated_with = PARAMETER_SYMBOLS[PARAMETERS[partner]]
+
         estimates.append(
             build_estimate(
                 name,
@@ -185,7 +186,7 @@ def build_estimates(
                 prior_std=float(unknowns.deviation[index]),
                 bounds=(float(unknowns.space.lower[index]), float(unknowns.space.upper[index])),
                 in_doubt=in_doubt,
-                correlated_with=PARAMETER_SYMBOLS[PARAMETERS[partner]] if is_correlated else None,
+                correlated_with=correlated_with,
             )
         )
     return tuple(estimates)
@@ -317,8 +318,10 @@ class Posterior:
         """Return `twin` with the values, scales and sensor path of `point`."""
         values = Interfaces.from_values(np.exp(point[VALUE_SLICE]))
         path = self.unknowns.sensor_path_at(point, twin.pump.channels)
-        moved = twin.with_interfaces(values, self.unknowns.scales_at(point))
-        return moved if path is None else replace(moved, path=path)
+        calibrated = twin.with_interfaces(values, self.unknowns.scales_at(point))
+        if path is None:
+            return calibrated
+        return replace(calibrated, path=path)
 
     def draws(self, count: int, seed: int) -> Float[np.ndarray, "draw unknown"]:
         """Return points drawn from the density.

@@ -139,8 +139,8 @@ def calibrate(
 
     started = time.perf_counter()
     recordings = list(recordings)
-    method = GaussNewton() if method is None else method
-    band = DEFAULT_BAND if band is None else band
+    method = method or GaussNewton()
+    band = band or DEFAULT_BAND
 
     twins = build_starting_twins(pump, recordings, fault)
     recordings, unplaced = assign_single_channels(recordings, twins[0].pump)
@@ -159,11 +159,14 @@ def calibrate(
         "a calibration",
     )
     objective = build_objective([twin for twin, _ in groups], measurements, bounds, nuisances)
+
+    widened = find_default_bounds(bounds)
+    if isinstance(method, IPINN):
+        widened = ()  # a loss of the paper's method pulls values back into the bounds
     objective, result, hypotheses = _search(
         objective,
         method,
-        # the paper's method keeps its bounds: a loss pulls values back into them
-        widened=() if isinstance(method, IPINN) else find_default_bounds(bounds),
+        widened=widened,
         explain_misfit=explain_misfit,
         seed=seed,
         progress=progress,
@@ -266,16 +269,13 @@ def _add_law(
     """
     healthy = _used_recordings(objective)
     law = identify_law(calibration, recordings, fault, healthy)
-    used = [
-        *healthy,
-        *(recording for recording in recordings if recording.recording_id in law.recording_ids),
-    ]
-    recording_ids = tuple(recording.recording_id for recording in used)
+    faulty = [recording for recording in recordings if recording.recording_id in law.recording_ids]
+    recording_ids = tuple(recording.recording_id for recording in (*healthy, *faulty))
     return replace(
         calibration,
         law=law,
         recording_ids=recording_ids,
-        recording_hashes=build_manifest(used),
+        recording_hashes=build_manifest([*healthy, *faulty]),
         excluded_recordings=tuple(
             (name, reason)
             for name, reason in calibration.excluded_recordings
@@ -356,7 +356,9 @@ def build_starting_twins(
     if isinstance(pump, Pump):
         return [Twin(pump, condition, fault) for condition in _operating_points(recordings, fault)]
 
-    twins = [pump] if isinstance(pump, Twin) else list(pump)
+    if isinstance(pump, Twin):
+        pump = [pump]
+    twins = list(pump)
     if not twins or not all(isinstance(twin, Twin) for twin in twins):
         raise InputError("pump must be a pump, the name of a pump, a twin or several twins.")
     if fault is not None:
@@ -380,14 +382,20 @@ def _operating_points(
     """Return the mean condition of each group of recordings at the same operating point, by speed
     and pressure.
     """
-    label = "normal" if fault is None else fault.label
+    label = "normal"
+    specify = "give {fault} for"
+    if fault is not None:
+        label = fault.label
+        specify = "give a {fault} of the class of"
+
     labeled = [recording for recording in recordings if is_same_class(recording.label, label)]
     if not labeled:
         labels = ", ".join(sorted({str(recording.label) for recording in recordings}))
-        specify = "give {fault} for" if fault is None else "give a {fault} of the class of"
+        reason = "there are no recordings"
+        if labels:
+            reason = f"labels: {labels}"
         raise DataError(
-            f"No recording is labeled {label!r} "
-            f"({'labels: ' + labels if labels else 'there are no recordings'}).",
+            f"No recording is labeled {label!r} ({reason}).",
             field="fault",
             remedy=f"Label healthy ones 'normal', or {specify} the faulty recordings.",
         )
@@ -418,6 +426,7 @@ def _collect_settings(method: Calibrator, objective: Objective, seed: int) -> di
     settings["lines"] = measurement.lines
     settings["phases"] = objective.has_phases
     settings["seed"] = seed
-    return {
-        name: list(value) if isinstance(value, tuple) else value for name, value in settings.items()
-    }
+    for name, value in settings.items():
+        if isinstance(value, tuple):
+            settings[name] = list(value)
+    return settings

@@ -141,8 +141,10 @@ class GaussNewton:
 
                 min_loss = min(run.history.min_loss for run in runs)
                 has_converged = min_loss <= EXPECTED_LOSS
+                steps_done = start_index + 1
+                if has_converged:
+                    steps_done = self.starts
                 if progress is not None:
-                    steps_done = self.starts if has_converged else start_index + 1
                     progress(steps_done, self.starts, min_loss)
                 if has_converged:
                     break

@@ -72,7 +72,9 @@ class Comparison:
     def _measured_columns(self) -> Tensor | None:
         """Columns of the twin's lines among those measured; `None` if the twin has all of them."""
         columns = np.flatnonzero(np.isin(self.measurement.orders, self.twin.orders))
-        return None if len(columns) == len(self.measurement.orders) else torch.as_tensor(columns)
+        if len(columns) == len(self.measurement.orders):
+            return None
+        return torch.as_tensor(columns)
 
     @cached_property
     def _orders(self) -> Tensor:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -78,7 +78,9 @@ def build_search_space(
     InputError
         A parameter is unknown, or its bounds do not hold the nominal value.
     """
-    factor = float(bounds) if isinstance(bounds, int | float) else DEFAULT_BOUND_FACTOR
+    factor = DEFAULT_BOUND_FACTOR
+    if isinstance(bounds, int | float):
+        factor = float(bounds)
     if not (math.isfinite(factor) and factor > 1):
         raise InputError(f"bounds ({factor:g}) must be a factor above 1, such as 10.")
 
@@ -404,27 +406,29 @@ class Unknowns:
         gain, frequency, damping, residue = (
             part.tolist() for part in self._path_coordinates(coordinates)
         )
-        channel_rows = {name: row for row, name in enumerate(self.channels)}
-        rows = [channel_rows.get(name) for name in sensors]
+        gains = dict(zip(self.channels, gain, strict=True))
+        residues = dict(zip(self.channels, map(tuple, residue), strict=True))
         rigid = (0.0,) * len(frequency)
+        cross_talk: tuple[tuple[float, ...], ...] = ()
+        if mixing is not None:
+            cross_talk = self._cross_talk_shares(mixing, sensors)
         return SensorPath(
-            gain=tuple(1.0 if row is None else gain[row] for row in rows),
+            gain=tuple(gains.get(name, 1.0) for name in sensors),
             frequency=tuple(frequency),
             damping_ratio=tuple(damping),
-            residue=tuple(rigid if row is None else tuple(residue[row]) for row in rows),
-            cross_talk=() if mixing is None else self._cross_talk_shares(mixing, rows),
+            residue=tuple(residues.get(name, rigid) for name in sensors),
+            cross_talk=cross_talk,
         )
 
     def _cross_talk_shares(
-        self, mixing: Tensor, rows: Sequence[int | None]
+        self, mixing: Tensor, sensors: Sequence[str]
     ) -> tuple[tuple[float, ...], ...]:
         """Return the shares that the sensors read of each other; 0 for those not measured."""
-        shares = (mixing - torch.eye(len(self.channels))).tolist()
-
-        def share(row: int | None, column: int | None) -> float:
-            return 0.0 if row is None or column is None else float(shares[row][column])
-
-        return tuple(tuple(share(row, column) for column in rows) for row in rows)
+        rows = (mixing - torch.eye(len(self.channels))).tolist()
+        shares = dict(zip(product(self.channels, repeat=2), chain.from_iterable(rows), strict=True))
+        return tuple(
+            tuple(shares.get((reader, source), 0.0) for source in sensors) for reader in sensors
+        )
 
 
 def is_at_bound(

@@ -228,7 +228,9 @@ def build_fault_space(fault: Fault, free: Sequence[str] | None = None) -> FaultS
     search = get_severity_search(fault)
     dimensions = {dimension.name: dimension for dimension in search.dimensions}
     severity = search.dimensions[0].name
-    names = search.default_free if free is None else [name for name in free if name != severity]
+    names = search.default_free
+    if free is not None:
+        names = tuple(name for name in free if name != severity)
 
     kind = type(fault).__name__
     for name in names:

@@ -68,8 +68,8 @@ _VALUE_BOUND_STDS = 6.0
 _DIMENSION_BOUND_STDS = 4.0
 
 
-Ends = tuple[float | None, float | None]
-"""Ends of an interval of the severity over the reference's; `None` if nothing limits it."""
+Ends = tuple[float, float]
+"""Ends of an interval of the severity over the reference's; infinite if nothing limits it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +110,11 @@ class Inversion(ProfileProblem):
         self.simulations = 0
 
         # a corner that is searched is what rolls the excitation off
-        searches_corner = any(dimension.name == "corner" for dimension in space.free)
         search = get_severity_search(space.reference)
-        self.roll_off = 0.0 if searches_corner else search.roll_off_std
+        searches_corner = any(dimension.name == "corner" for dimension in space.free)
+        self.roll_off = search.roll_off_std
+        if searches_corner:
+            self.roll_off = 0.0
 
         value_reach = _VALUE_BOUND_STDS * np.sqrt(np.diag(prior.covariance))
         prior_stds = np.array([dimension.prior_std for dimension in space.free[1:]])
@@ -136,7 +138,9 @@ class Inversion(ProfileProblem):
         exceeds it in 5 % of all cases. A free further dimension gives noise many minima to fall
         into (Bonferroni).
         """
-        n_minima = GRID_POINTS if len(self.space.free) > 1 else 1
+        n_minima = 1
+        if len(self.space.free) > 1:
+            n_minima = GRID_POINTS
         return float(scipy.stats.chi2.isf(2 * ERROR_PROBABILITY / n_minima, 1))
 
     def _objective_at(self, point: np.ndarray, late_port: str | None = None) -> Objective:
@@ -199,9 +203,9 @@ class Inversion(ProfileProblem):
 
     def _difference(self, point: np.ndarray, index: int, observables: np.ndarray) -> np.ndarray:
         """Return the derivative of the observables by a coordinate, from a difference."""
-        moved = point.copy()
-        moved[index] += _DIFFERENCE_STEP
-        return (self.observables(moved) - observables) / _DIFFERENCE_STEP
+        shifted_point = point.copy()
+        shifted_point[index] += _DIFFERENCE_STEP
+        return (self.observables(shifted_point) - observables) / _DIFFERENCE_STEP
 
     def whiten(
         self, observables: Float[np.ndarray, "observable *column"]
@@ -241,8 +245,11 @@ class Inversion(ProfileProblem):
         ----------
         starts : starts of the descents; by default the best points of a first grid.
         """
+        if starts is None:
+            starts = self._grid_starts()
+
         descents = []
-        for start in self._grid_starts() if starts is None else starts:
+        for start in starts:
             self.update_weights(start)
             point, height = self.descend(start, fixed=None)
             # each descent has its own weights, so heights alone do not compare
@@ -262,9 +269,9 @@ class Inversion(ProfileProblem):
 
     def select_likely(self, minima: Iterable[Minimum]) -> list[Minimum]:
         """Return the minima that may hold the truth, each once, the deepest first."""
-        deepest, *others = sorted(minima, key=lambda minimum: minimum.height)
+        deepest, *higher_minima = sorted(minima, key=lambda minimum: minimum.height)
         likely = [deepest]
-        for minimum in others:
+        for minimum in higher_minima:
             dimensions = minimum.point[self.severity :]
             # several descents may end in one minimum
             is_repeated = any(
@@ -294,9 +301,9 @@ class Inversion(ProfileProblem):
         for coordinate, height in profiles:
             rise = np.maximum(height - minima[0].height, 0.0)
             below, above = find_interval(coordinate, rise)
-            low = min(low, -math.inf if below is None else below)
-            high = max(high, math.inf if above is None else above)
-        return minima, (low if low > -math.inf else None, high if high < math.inf else None)
+            low = min(low, below)
+            high = max(high, above)
+        return minima, (low, high)
 
     def _find_deeper_valley(
         self, minima: list[Minimum], profiles: list[tuple[np.ndarray, np.ndarray]]
@@ -308,11 +315,14 @@ class Inversion(ProfileProblem):
         if height.min() > limit:
             return None
 
+        # first along the valley's floor, so that the free descent cannot leave the valley
         start = minima[lowest].point.copy()
         start[self.severity] = coordinate[height.argmin()]
         start, _ = self.descend(start, fixed=self.severity)
         minimum = Minimum(*self.descend(start, fixed=None))
-        return minimum if minimum.height < limit else None
+        if minimum.height >= limit:
+            return None
+        return minimum
 
     def profile(
         self, minimum: Minimum
@@ -357,8 +367,9 @@ class Inversion(ProfileProblem):
                 residual = (self.observables(point) - measured) / sigma
             except SwashTwinError:
                 # no pump runs with a fault so severe: the search ends at the previous severity
-                previous = grid_points[-1][1][self.severity] if grid_points else SEVERITY_GRID[0]
-                self.upper[self.severity] = previous
+                self.upper[self.severity] = SEVERITY_GRID[0]
+                if grid_points:
+                    self.upper[self.severity] = grid_points[-1][1][self.severity]
                 break
             grid_points.append((float(residual @ residual), point))
         return grid_points
@@ -387,10 +398,10 @@ class Inversion(ProfileProblem):
         required = math.sqrt(self.threshold) + float(scipy.stats.norm.isf(ERROR_PROBABILITY))
 
         def surplus(log_severity: float) -> float:
-            moved = point.copy()
-            moved[self.severity] = np.exp(log_severity)
+            faulty_point = point.copy()
+            faulty_point[self.severity] = np.exp(log_severity)
             change = np.zeros(len(slope))
-            change[: len(reference)] = self.whiten(self.observables(moved) - reference)
+            change[: len(reference)] = self.whiten(self.observables(faulty_point) - reference)
             # what no other coordinate can take up
             explained = other_slopes @ np.linalg.lstsq(other_slopes, change, rcond=None)[0]
             return float(np.linalg.norm(change - explained)) - required

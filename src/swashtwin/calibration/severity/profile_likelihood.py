@@ -6,6 +6,7 @@ however bent, and shows if it never rises: then the value is not identified (Rau
 doi:10.1093/bioinformatics/btp358).
 """
 
+import math
 from abc import ABC, abstractmethod
 
 import numpy as np
@@ -118,18 +119,22 @@ def profile_likelihood(
 
 def find_interval(
     coordinate: Float[np.ndarray, " point"], rise: Float[np.ndarray, " point"]
-) -> tuple[float | None, float | None]:
-    """Return where the rise passes `THRESHOLD` below and above its minimum; `None` if it does
+) -> tuple[float, float]:
+    """Return where the rise passes `THRESHOLD` below and above its minimum; infinite if it does
     not.
     """
     bottom = int(np.argmin(rise))
     below = _find_crossing(coordinate[bottom::-1], rise[bottom::-1])
     above = _find_crossing(coordinate[bottom:], rise[bottom:])
-    return below, above
+    return (
+        -math.inf if below is None else below,
+        math.inf if above is None else above,
+    )
 
 
 def _valley_direction(slope: np.ndarray, fixed: int) -> np.ndarray:
     """Return the direction along the valley, per unit of the fixed coordinate."""
+    # a step of the fixed coordinate, and the steps of the others that undo it best
     is_other = np.arange(slope.shape[1]) != fixed
     direction = np.ones(slope.shape[1])
     direction[is_other] = -np.linalg.lstsq(slope[:, is_other], slope[:, fixed], rcond=None)[0]
@@ -141,7 +146,9 @@ def _walk(
 ) -> list[tuple[float, float]]:
     """Return the points of one side, from the best one outwards."""
     reach = problem.upper[fixed] - problem.lower[fixed]
-    end = problem.upper[fixed] if side > 0 else problem.lower[fixed]
+    end = problem.upper[fixed]
+    if side < 0:
+        end = problem.lower[fixed]
     _, slope = problem.residuals_at(best)
     direction = _valley_direction(slope, fixed)
     stride = float(np.clip(0.8 / np.linalg.norm(slope @ direction), 1e-4 * reach, reach / 8))
@@ -179,6 +186,7 @@ def _find_crossing(coordinate: np.ndarray, rise: np.ndarray) -> float | None:
     if not len(beyond):
         return None
     index = int(beyond[0])
+    # near its minimum the rise is a parabola, so its root is a straight line
     roots = np.sqrt(rise[[index - 1, index]])
     share = (np.sqrt(THRESHOLD) - roots[0]) / (roots[1] - roots[0])
     return float(coordinate[index - 1] + share * (coordinate[index] - coordinate[index - 1]))

@@ -145,18 +145,18 @@ def combine_laws(shared: tuple[Severity, float], lifting: tuple[Severity, float]
     off.
     """
     laws = [(*shared, "shared"), (*lifting, "lift_off")]
-    (best, best_loss, best_name), (other, other_loss, other_name) = sorted(
+    (best, best_loss, best_name), (rival, rival_loss, rival_name) = sorted(
         laws, key=lambda law: law[1]
     )
     sizes = (
-        f"{best.severity.text} if contact={best_name}, {other.severity.text} if "
-        f"contact={other_name}"
+        f"{best.severity.text} if contact={best_name}, {rival.severity.text} if "
+        f"contact={rival_name}"
     )
-    if other_loss - best_loss > MIN_LIKELIHOOD_DIFFERENCE:
+    if rival_loss - best_loss > MIN_LIKELIHOOD_DIFFERENCE:
         note = f"{sizes}; the lines are those of the first"
         return replace(best, notes=(*best.notes, note))
 
-    pairs = zip(best.dimensions, other.dimensions, strict=True)
+    pairs = zip(best.dimensions, rival.dimensions, strict=True)
     return replace(
         best,
         dimensions=tuple(_combine_estimates(first, second) for first, second in pairs),
@@ -168,12 +168,21 @@ def _combine_estimates(first: DimensionEstimate, second: DimensionEstimate) -> D
     """Return the first estimate with an interval around both and the less certain verdict."""
     low = min(first.interval[0], second.interval[0])
     high = max(first.interval[1], second.interval[1])
-    log_std = math.log(high / low) / (2 * NORMAL_QUANTILE) if low > 0 else math.inf
+    log_std = interval_log_std(low, high)
 
     verdict = max(first.verdict, second.verdict, key=_VERDICTS.index)
     if verdict == "identified" and log_std > IDENTIFIED_STD:
         verdict = "weak"
     return replace(first, interval=(low, high), log_std=log_std, verdict=verdict)
+
+
+def interval_log_std(low: float, high: float) -> float:
+    """Return the standard deviation of ln severity of which these are the ends of 90 %; infinite
+    if the severity may be zero.
+    """
+    if low <= 0:
+        return math.inf
+    return math.log(high / low) / (2 * NORMAL_QUANTILE)
 
 
 _MAX_SHOWN = 3

@@ -37,6 +37,7 @@ from swashtwin.calibration.severity.severity_result import (
     combine_laws,
     describe_recording,
     describe_trend,
+    interval_log_std,
 )
 from swashtwin.calibration.spectrum_objective import FLOOR, Comparison, Objective
 from swashtwin.calibration.unknowns import VALUE_SLICE
@@ -251,16 +252,22 @@ def _estimate_under_law(
     if not is_detected:
         # a fault up to the detection limit could have been missed
         upper = ends[1]
-        if upper is not None and limit is not None:
+        if limit is not None:
             upper = max(upper, limit)
-        ends = (None, upper)
+        ends = (-math.inf, upper)
 
     dimensions = [_estimate_severity(inversion, point, ends, is_detected=is_detected), *further]
     if calibration.is_in_doubt:
-        dimensions = [_doubt(estimate) for estimate in dimensions]
+        dimensions = [
+            replace(estimate, verdict="weak") if estimate.verdict == "identified" else estimate
+            for estimate in dimensions
+        ]
 
     assert recording.condition is not None  # `_select_recordings` excludes those without
     relative_severity = float(point[inversion.severity])
+    repeatability = math.inf
+    if relative_severity > 0:
+        repeatability = deviation / relative_severity
     severity = Severity(
         recording_id=recording.recording_id,
         condition=recording.condition,
@@ -269,7 +276,7 @@ def _estimate_under_law(
         evidence=evidence,
         threshold=inversion.threshold,
         detection_limit=None if limit is None else limit * space.reference.severity,
-        repeatability=deviation / relative_severity if relative_severity > 0 else math.inf,
+        repeatability=repeatability,
         correlated_with=_find_correlated(covariance, inversion),
         misfit=misfit,
         simulations=inversion.simulations,
@@ -280,11 +287,6 @@ def _estimate_under_law(
         ),
     )
     return severity, loss
-
-
-def _doubt(estimate: DimensionEstimate) -> DimensionEstimate:
-    """Return the estimate, weak at best."""
-    return replace(estimate, verdict="weak") if estimate.verdict == "identified" else estimate
 
 
 def build_fault_comparison(
@@ -304,7 +306,9 @@ def build_fault_comparison(
     # lines between the piston-pass lines, but for the first order, which is unbalance
     piston_count = twin.pump.rotating_group.piston_count
     has_shaft_lines = (twin.orders[twin.orders > 1] % piston_count).any()
-    lines: Lines = "shaft" if has_shaft_lines else "piston"
+    lines: Lines = "piston"
+    if has_shaft_lines:
+        lines = "shaft"
 
     phases = bool(calibration.settings.get("phases"))
     labeled = [recording.replace(label=twin.label) for recording in recordings]
@@ -419,22 +423,29 @@ def _estimate_severity(
     below, above = ends
     law_width = NORMAL_QUANTILE * get_severity_search(space.reference).law_std
     upper_bound = float(inversion.upper[inversion.severity])
-    low = (below or 0.0) if is_detected else 0.0
-    high = upper_bound if above is None else above
-    log_std = math.log(high / low) / (2 * NORMAL_QUANTILE) if low > 0 else math.inf
+    high = above
+    if math.isinf(above):
+        high = upper_bound
+    low = 0.0
+    if is_detected:
+        low = max(below, 0.0)
+    log_std = interval_log_std(low, high)
 
     verdict: SeverityVerdict
-    if above is None:
+    if math.isinf(above):
         verdict = "at bound"
     elif low == 0 and not is_detected:
         verdict = "not detected"
     elif log_std > UNIDENTIFIED_STD:
         verdict = "not identified"
+    elif log_std > IDENTIFIED_STD:
+        verdict = "weak"
     else:
-        verdict = "identified" if log_std <= IDENTIFIED_STD else "weak"
+        verdict = "identified"
 
     relative_severity = float(point[inversion.severity])
-    middle = relative_severity if relative_severity > 0 else high
+    # the error of the law is a factor, which a severity of zero does not show
+    middle = relative_severity or high
     widened_low = 0.0
     if low > 0:
         widened_low = middle * math.exp(-math.hypot(math.log(middle / low), law_width))
@@ -494,7 +505,9 @@ def _judge_dimension(dimension: Dimension, coordinate: float, log_std: float) ->
         return "at bound"
     if log_std > UNIDENTIFIED_SHARE * dimension.prior_std:
         return "not identified"
-    return "identified" if log_std <= IDENTIFIED_STD else "weak"
+    if log_std > IDENTIFIED_STD:
+        return "weak"
+    return "identified"
 
 
 def _find_correlated(covariance: np.ndarray, inversion: Inversion) -> str | None:
@@ -507,4 +520,6 @@ def _find_correlated(covariance: np.ndarray, inversion: Inversion) -> str | None
     dimensions = [dimension.name for dimension in inversion.space.free]
     names = [*inversion.objective.unknowns.names, *dimensions]
     strongest = int(np.argmax(correlation))
-    return names[strongest] if correlation[strongest] > MIN_CORRELATION else None
+    if correlation[strongest] <= MIN_CORRELATION:
+        return None
+    return names[strongest]

@@ -347,7 +347,7 @@ def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those
         [*recordings[:-1], replace(recordings[-1], specimen="B")], files, tmp_path / "two.toml"
     )
     other = run("twin", "severity", saved, two, "--specimen", "B", "--fault", "piston")
-    assert "is of machine A, these are of B: calibrate B" in other.stderr
+    assert "is of machine A, but the recordings are of B. Calibrate B." in other.stderr
     only = write_index(recordings[:-1], files[:-1], tmp_path / "sound.toml")
     refusal = run("twin", "severity", saved, only, "--fault", "piston", code=3).stderr
     assert "holds healthy recordings only" in refusal

@@ -22,7 +22,6 @@ from swashtwin.foundation import VERSION, InputError, SwashTwinError, json_text,
 from swashtwin.monitoring import Access, Guard, PageSettings, serving_page
 from swashtwin.recordings import FactChange
 
-LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 TOKEN_HEADER = "x-explorer"
 """Header with the page's token, without which nothing is changed."""
 
@@ -40,9 +39,7 @@ def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
     model : file of a model for diagnoses.
     """
     token = secrets.token_urlsafe(32)
-    guard = Middleware(
-        Guard, hosts=LOCAL_NAMES, access=Access(PageSettings()), uploads=_UPLOAD_PATHS
-    )
+    guard = Middleware(Guard, access=Access(PageSettings()), uploads=_UPLOAD_PATHS)
     application = FastAPI(
         title="swashtwin explore", version=VERSION, openapi_url=None, middleware=[guard]
     )

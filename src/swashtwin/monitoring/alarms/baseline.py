@@ -173,7 +173,10 @@ class OperatingPointBaseline:
     def _append_orders(
         self, recording: Recording, pistons: int | None
     ) -> Float64[np.ndarray, "recording order_band"]:
-        new_row = np.empty(0) if pistons is None else measure_orders(recording, pistons)
+        new_row = np.empty(0)
+        if pistons is not None:
+            new_row = measure_orders(recording, pistons)
+
         previous_rows = self.orders
         # Rows that were measured for another piston count cannot be compared with the new one.
         if pistons != self.pistons or previous_rows.shape != (len(self.rows), new_row.size):
@@ -183,7 +186,9 @@ class OperatingPointBaseline:
     def _describe_drop(self, change: Float64[np.ndarray, " band"], *, is_new: bool) -> str:
         index = int(np.argmax(np.abs(change)))
         band = self.layout.band_powers[index]
-        which = "this" if is_new else "an earlier"
+        which = "an earlier"
+        if is_new:
+            which = "this"
         return (
             f"not learned from {which} recording: {change[index]:+.1f} dB at {band.describe()}, "
             f"channel {band.channel}, against the others."
@@ -259,7 +264,9 @@ def choose_layout(recording: Recording) -> BandPowerLayout:
 
     # A longer segment than the recording could not be measured.
     length = int(scipy.fft.next_fast_len(layout.length, real=True))
-    return replace(layout, length=length) if length <= recording.n_samples else layout
+    if length > recording.n_samples:
+        return layout
+    return replace(layout, length=length)
 
 
 def baseline_band_powers(table: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
@@ -280,7 +287,9 @@ def load_baseline(table: Mapping[str, Any]) -> OperatingPointBaseline:
     """Return the baseline that the history has as a table."""
 
     def to_rows(_: type, values: Any) -> Float64[np.ndarray, "recording band"]:
-        return np.array(values, np.float64) if values else np.empty((0, 0))
+        if not values:
+            return np.empty((0, 0))
+        return np.array(values, np.float64)
 
     return from_table(table, OperatingPointBaseline, to_array=to_rows)
 

@@ -153,7 +153,9 @@ def rank_step(score: float, is_large: bool) -> int:
     """
     limited_score = min(max(score, _MIN_SCORE), _MAX_SCORE)
     step = math.floor(math.log(limited_score) / math.log1p(_GRID_STEP))
-    return step + _LARGE_OFFSET if is_large else step
+    if is_large:
+        step += _LARGE_OFFSET
+    return step
 
 
 def payoffs(p_value: float, large_share: float) -> Float64[np.ndarray, " bet"]:
@@ -212,7 +214,9 @@ class AlarmState:
         is_proven : whether the evidence of all recordings so far suffices to raise the alarm.
         """
         recent = (*self.recent, is_large)[-N_RECENT:]
-        quiet = 0 if is_large else min(self.quiet + 1, N_QUIET)
+        quiet = min(self.quiet + 1, N_QUIET)
+        if is_large:
+            quiet = 0
 
         if not self.is_active and is_proven and sum(recent) >= N_PERSISTENT:
             return AlarmState(True, recent, quiet), "raised"
@@ -369,7 +373,9 @@ class OperatingPointMonitor:
 
         # A state without rows may have the layout of a recording with a faulty sensor.
         if state is None or not len(state.baseline.rows):
-            sensor = AlarmState() if state is None else state.sensor
+            sensor = AlarmState()
+            if state is not None:
+                sensor = state.sensor
             state = OperatingPointState.initial(recording, sensor)
 
         findings = check_sensors(recording)
@@ -429,7 +435,10 @@ class OperatingPointMonitor:
         p_value = test.p_value(score, is_large, tie)
         if not state.pump.is_active:
             # A p-value of 1 lowers every bet, so the promise holds, and small changes gain nothing.
-            test = test.bet(score, is_large, p_value if is_large else 1.0)
+            bet_p_value = 1.0
+            if is_large:
+                bet_p_value = p_value
+            test = test.bet(score, is_large, bet_p_value)
         capital = test.capital
 
         is_proven = capital * self.false_alarm_rate >= 1

@@ -26,10 +26,10 @@ class OperatingPoint:
         """Return the operating point that a recording specifies."""
         frequency = specified_shaft_frequency(recording)
         pressure = specified_pressure(recording)
-        return cls(
-            speed=2 * math.pi * frequency if frequency else None,
-            pressure=None if math.isnan(pressure) else pressure,
-        )
+        speed = None
+        if frequency:
+            speed = 2 * math.pi * frequency
+        return cls(speed, None if math.isnan(pressure) else pressure)
 
     @property
     def name(self) -> str:

@@ -159,7 +159,9 @@ def _spike_ratio(row: Float[np.ndarray, " time"]) -> float:
     """Return the largest over the median deviation; 0 if half of the samples are equal."""
     deviation = np.abs(row.astype(np.float64) - float(np.median(row)))
     median_deviation = float(np.median(deviation))
-    return float(deviation.max()) / median_deviation if median_deviation > 0 else 0.0
+    if median_deviation == 0:
+        return 0.0
+    return float(deviation.max()) / median_deviation
 
 
 def _slow_share(row: Float[np.ndarray, " time"], turn_length: int) -> float:
@@ -245,7 +247,9 @@ def check_against_baseline(
     finding = _find_swapped_channels(baseline, band_powers)
     if finding is None and baseline.has_fallen(band_powers):
         finding = _describe_fall(baseline, band_powers)
-    return () if finding is None else (finding,)
+    if finding is None:
+        return ()
+    return (finding,)
 
 
 class _ChannelChanges:
@@ -311,7 +315,9 @@ class _ChannelChanges:
 
         is_lost = (remaining_height <= LOST_HEIGHT_SHARE * height) & (fall <= -LOST_FALL_DB)
         has_lines = height >= LINE_HEIGHT_DB
-        return bool(is_lost[has_lines].all()) if has_lines.any() else None
+        if not has_lines.any():
+            return None
+        return bool(is_lost[has_lines].all())
 
 
 def _selected_mean(

@@ -87,7 +87,9 @@ class Suspect:
 
 def describe_class(label: str) -> str:
     """Return a class of a prior as a reader should see it."""
-    return "another fault" if label == "other" else label.replace("_", " ")
+    if label == "other":
+        return "another fault"
+    return label.replace("_", " ")
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,9 +119,10 @@ class PriorAdaptation:
         """
         prior = PriorClassifier.load(self.machine.prior)
         pump = self.machine.pump
-        is_prior_of_pump = pump is not None and load_pump(pump).name == prior.pump
         # For another design of pump, the prior uses its piston count.
-        pistons = None if is_prior_of_pump else self.machine.piston_count
+        pistons = self.machine.piston_count
+        if pump is not None and load_pump(pump).name == prior.pump:
+            pistons = None
         prior = prior.for_machine(self.channels, self.unit, pistons)
 
         n_recordings = len(self.rows)

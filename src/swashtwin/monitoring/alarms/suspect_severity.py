@@ -95,9 +95,8 @@ def _unmeasured(reason: str) -> dict[str, Any]:
 
 def _require_same_pump(calibration: "Calibration", machine: Machine) -> None:
     pump = calibration.twin.pump
-    machine_pump = pump.name if machine.pump is None else load_pump(machine.pump).name
-    has_same_pistons = machine.piston_count == pump.rotating_group.piston_count
-    if machine_pump != pump.name or not has_same_pistons:
+    is_another_design = machine.pump is not None and load_pump(machine.pump).name != pump.name
+    if is_another_design or machine.piston_count != pump.rotating_group.piston_count:
         raise DataError(f"the calibration is for another pump, {pump.name}.")
 
 
@@ -138,8 +137,11 @@ def _describe_best_fit(trends: Mapping[str, "SeverityTrend"]) -> dict[str, Any]:
     severity = estimate.severity
     dimension = severity.dimension
     unit_scale = dimension.per_unit
-    limit = estimate.detection_limit
-    limit_text = "none" if limit is None else dimension.format_value(limit)
+    limit = None
+    limit_text = "none"
+    if estimate.detection_limit is not None:
+        limit = estimate.detection_limit / unit_scale
+        limit_text = dimension.format_value(estimate.detection_limit)
     sentence = (
         f"Severity, if {describe_class(best_kind)}: {describe_class(dimension.name)} "
         f"{severity.text}, {severity.verdict}; detection limit {limit_text}."
@@ -157,7 +159,7 @@ def _describe_best_fit(trends: Mapping[str, "SeverityTrend"]) -> dict[str, Any]:
         "unit": dimension.unit,
         "value": severity.value / unit_scale,
         "interval": [end / unit_scale for end in severity.interval],
-        "detection_limit": None if limit is None else limit / unit_scale,
+        "detection_limit": limit,
         "misfit": estimate.misfit,
     }
 

@@ -67,7 +67,9 @@ def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) 
         raise DataError(f"{path}: not valid TOML: {cause}.") from cause
 
     folder = path.absolute().parent
-    variables = os.environ if environment is None else environment
+    variables = environment
+    if variables is None:
+        variables = os.environ
 
     def read(kind: type, value: Any) -> Any:
         if not isinstance(value, str):
@@ -119,8 +121,9 @@ def _read_text_entry(kind: type, value: str, folder: Path, environment: Mapping[
         return folder / Path(value).expanduser()
     if issubclass(kind, NameOrFile):
         # Names of the catalog have no suffix.
-        is_file = value.endswith((".toml", ".safetensors"))
-        return kind(folder / Path(value).expanduser() if is_file else value)
+        if not value.endswith((".toml", ".safetensors")):
+            return kind(value)
+        return kind(folder / Path(value).expanduser())
     if issubclass(kind, Quantity):
         return _read_quantity(kind, value)
     return _read_secret(kind, value, environment)
@@ -148,11 +151,13 @@ def _read_secret(kind: type, value: str, environment: Mapping[str, str]) -> Secr
         name = match[1]
         if name not in environment:
             raise ValueError(f"it needs the environment variable {name}, which is not set")
-        # A password may contain a character that ends it in a URL.
-        return quote(environment[name], safe="") if is_url else environment[name]
+        if is_url:
+            # A password may contain a character that ends it in a URL.
+            return quote(environment[name], safe="")
+        return environment[name]
 
-    text = _VARIABLE.sub(replace_variable, value)
-    return SecretUrl(text) if is_url else Secret(text)
+    secret: Secret = kind(_VARIABLE.sub(replace_variable, value))
+    return secret
 
 
 def _require_variable_as_password(url: str) -> None:
@@ -185,10 +190,11 @@ def _check(config: WatchConfig) -> None:
         except SwashTwinError as cause:
             raise cause.with_context(f"[[machine]] {machine.name!r}: ") from cause
     for source in config.sources:
-        machine_name = None if isinstance(source, HttpSource) else source.machine
-        if machine_name is not None and config.machine(machine_name) is None:
+        if isinstance(source, HttpSource) or source.machine is None:
+            continue
+        if config.machine(source.machine) is None:
             raise DataError(
-                f"[[source]] {source.name!r}: the file has no machine {machine_name!r}. Its "
+                f"[[source]] {source.name!r}: the file has no machine {source.machine!r}. Its "
                 f"machines are {config.machine_names}."
             )
 

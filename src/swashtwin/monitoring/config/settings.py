@@ -332,8 +332,9 @@ class PageSettings(Entries, frozen=True, kw_only=True):
         if self.hosts and self.https:
             return f"https://{self.hosts[0]}"
 
-        # An IPv6 address stands in brackets in a URL.
-        host = f"[{self.host}]" if ":" in self.host else self.host
+        host = self.host
+        if ":" in host:
+            host = f"[{host}]"  # as an IPv6 address stands in a URL
         return f"http://{host}:{self.port}"
 
 
@@ -360,7 +361,9 @@ class WatchConfig(Entries, frozen=True, kw_only=True):
     @property
     def history_url(self) -> str:
         """URL of the database; empty for SQLite in `folder`."""
-        return "" if self.history is None else self.history.reveal()
+        if self.history is None:
+            return ""
+        return self.history.reveal()
 
     @property
     def machine_names(self) -> str:

@@ -145,7 +145,9 @@ def lock_machine(session: Session, name: str) -> None:
 
 def _open_engine(url: str, folder: Path, *, is_new: bool) -> Engine:
     try:
-        address = make_url(url) if url else URL.create("sqlite", database=str(folder / SQLITE_FILE))
+        address = URL.create("sqlite", database=str(folder / SQLITE_FILE))
+        if url:
+            address = make_url(url)
     except exc.ArgumentError as cause:
         raise InputError(
             "history is not a valid URL; write postgresql://user@host/database."
@@ -209,8 +211,10 @@ def _sqlite_engine(address: URL, is_new: bool) -> Engine:
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
         # A writer locks at once: a lock that is taken later may fail when another has written.
-        is_write = connection.get_execution_options().get("is_write", False)
-        connection.exec_driver_sql("BEGIN IMMEDIATE" if is_write else "BEGIN")
+        command = "BEGIN"
+        if connection.get_execution_options().get("is_write", False):
+            command = "BEGIN IMMEDIATE"
+        connection.exec_driver_sql(command)
 
     return engine
 

@@ -114,4 +114,6 @@ def _cell(value: Any) -> Any:
         return value.isoformat().replace("+00:00", "Z")
     if isinstance(value, (dict, list)):
         value = json_text(value)
-    return spreadsheet_text(value) if isinstance(value, str) else value
+    if isinstance(value, str):
+        return spreadsheet_text(value)
+    return value

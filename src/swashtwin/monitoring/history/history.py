@@ -140,15 +140,15 @@ def record_event(
     with history.machine(machine) as transaction:
         if found:
             transaction.record_finding(found, who)
-            note = f"found: {found}" + (f"; {note}" if note else "")
-
-        number = transaction.add_event("maintenance" if maintenance else "note", who, note)
+            note = "; ".join(filter(None, (f"found: {found}", note)))
+        if not maintenance:
+            return transaction.add_event("note", who, note)
 
         # After a repair the machine vibrates differently, and its alarms are no longer true.
-        if maintenance:
-            transaction.forget_operating_points()
-            for alarm in transaction.alarms():
-                if alarm.state == "open":
-                    transaction.acknowledge(alarm.id, who, note)
-                transaction.clear_alarm(alarm.id, datetime.now(UTC))
+        number = transaction.add_event("maintenance", who, note)
+        transaction.forget_operating_points()
+        for alarm in transaction.alarms():
+            if alarm.state == "open":
+                transaction.acknowledge(alarm.id, who, note)
+            transaction.clear_alarm(alarm.id, datetime.now(UTC))
     return number

@@ -359,7 +359,9 @@ def _column_query(name: str) -> Select[Any]:
 
 def _unpack(value: Any) -> Any:
     """Return the number of a packed indicator; values of columns are numbers already."""
-    return np.frombuffer(value, "<f4")[0] if isinstance(value, bytes) else value
+    if isinstance(value, bytes):
+        return np.frombuffer(value, "<f4")[0]
+    return value
 
 
 def _filters(

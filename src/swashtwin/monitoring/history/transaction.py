@@ -72,7 +72,9 @@ class MachineTransaction:
             kept.
         """
         judgment.waveform = waveform
-        judgment.retention = self._retention_of(judgment) if waveform else None
+        judgment.retention = None
+        if waveform:
+            judgment.retention = self._retention_of(judgment)
         newest = self.newest()
 
         number = self._add(judgment)
@@ -125,7 +127,9 @@ class MachineTransaction:
             Judgment.time < day + timedelta(days=1),
         )
         count = self._session.scalars(select(func.count()).where(*is_of_day)).one()
-        return "day" if count < self._retention.per_day else "last"
+        if count < self._retention.per_day:
+            return "day"
+        return "last"
 
     def _apply_retention(self) -> None:
         """Drop the waveforms that exceed the limits of retention, oldest first."""
@@ -164,7 +168,9 @@ class MachineTransaction:
     def baseline(self, point: str) -> dict[str, Any] | None:
         """Return the baseline of an operating point, or None."""
         stored = self._session.get(Baseline, (self.name, point))
-        return None if stored is None else stored.baseline
+        if stored is None:
+            return None
+        return stored.baseline
 
     def save_operating_point(
         self,

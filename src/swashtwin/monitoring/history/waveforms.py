@@ -69,7 +69,9 @@ class Waveforms:
     def read(self, relative_path: str | Path) -> Recording | None:
         """Return the recording at a path that `write` returned; None if the file is gone."""
         path = self.folder / relative_path
-        return load_recordings(path)[0] if path.is_file() else None
+        if not path.is_file():
+            return None
+        return load_recordings(path)[0]
 
     def remove(self, relative_paths: Iterable[str]) -> None:
         """Remove files; one that cannot be removed now is left to `sweep`."""
@@ -101,7 +103,10 @@ def _flush(path: Path) -> None:
     """Let a file, or the names in a folder, reach the disk."""
     if os.name == "nt" and path.is_dir():
         return  # Windows opens no folder
-    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    mode = os.O_RDWR
+    if path.is_dir():
+        mode = os.O_RDONLY  # the only mode in which a folder can be opened
+    descriptor = os.open(path, mode)
     try:
         os.fsync(descriptor)
     finally:

@@ -141,13 +141,15 @@ def visit_routes(site: Site) -> APIRouter:
             return redirect
 
         wait_s = result
+        code = 403
         message = "Wrong name or password."
         if wait_s:
+            code = 429
             message = f"Too many attempts. Wait {wait_s} s."
         refusal = site.render(
             request,
             "login.html.jinja",
-            429 if wait_s else 403,
+            code,
             target=local_path(target),
             message=message,
         )

@@ -166,12 +166,15 @@ def _recording_row(judgment: Judgment) -> dict[str, Any]:
 
 
 def _machine_row(machine: MachineOverview) -> dict[str, Any]:
+    newest = None
+    if machine.last is not None:
+        newest = _recording_row(machine.last)
     return {
         "name": machine.name,
         "state": state_of(machine).code,
         "recordings": machine.recordings,
         "silenced_until": machine.silenced,
-        "last": None if machine.last is None else _recording_row(machine.last),
+        "last": newest,
         "alarms": [_row(alarm) for alarm in machine.alarms],
     }
 

@@ -54,8 +54,10 @@ class Axis(NamedTuple):
         high = float(numbers.max())
 
         margin = MARGIN * (high - low)
-        if margin == 0:
-            margin = _DAY_S if kind == "time" else 0.5
+        if margin == 0 and kind == "time":
+            margin = _DAY_S
+        elif margin == 0:
+            margin = 0.5
         margin = max(margin, MIN_RELATIVE_MARGIN * max(abs(low), abs(high)))
         return cls(low - margin, high + margin, kind)
 
@@ -100,7 +102,9 @@ class Axis(NamedTuple):
 
     def _text(self, number: float, step: float) -> str:
         if self.kind == "time":
-            pattern = "%H:%M" if step < _DAY_S else "%Y-%m-%d"
+            pattern = "%Y-%m-%d"
+            if step < _DAY_S:
+                pattern = "%H:%M"
             return datetime.fromtimestamp(number, UTC).strftime(pattern)
 
         if self.kind == "log":

@@ -79,7 +79,9 @@ def draw_figure(
     marks : marks whose names stand above the field, unless one is too close to a previous one.
     data : values for the page's script: ``ids`` of the recordings, ``shaft`` [Hz], ``unit``.
     """
-    top = (2 if marks else 1) * _LINE_PX
+    top = _LINE_PX
+    if marks:
+        top += _LINE_PX
     bottom = top + HEIGHT
     texts = [
         f'<text class="title" x="4" y="12">{escape(title)}</text>',
@@ -132,10 +134,10 @@ def _draw_mark_names(marks: Sequence[Mark], top: float) -> list[str]:
     texts = []
     named_shares: list[float] = []
     for share, name in marks:
-        if any(abs(share - position) < _MIN_NAME_DISTANCE for position in named_shares):
+        if any(abs(share - named_share) < _MIN_NAME_DISTANCE for named_share in named_shares):
             continue
-        place = f'data-share="{share:.4f}" x="{100 * share:.2f}%" y="{top - 4:.0f}"'
-        texts.append(f'<text class="name" {place}>{escape(name)}</text>')
+        position = f'data-share="{share:.4f}" x="{100 * share:.2f}%" y="{top - 4:.0f}"'
+        texts.append(f'<text class="name" {position}>{escape(name)}</text>')
         named_shares.append(share)
     return texts
 
@@ -146,18 +148,20 @@ def draw_curve(
     """Return a line through points, given as shares; it is interrupted at NaN."""
     line = ""
     dots = ""
-    is_interrupted = True
+    command = "M"
     for x_share, y_share in zip(x, y, strict=True):
         if math.isnan(y_share):
-            is_interrupted = True
+            command = "M"  # move to the next point without a line
             continue
         point = _point(x_share, y_share)
-        line += f"{'M' if is_interrupted else 'L'}{point}"
+        line += f"{command}{point}"
         dots += f"M{point}h0"
-        is_interrupted = False
+        command = "L"
 
     curve = f'<path class="main" d="{line}"/>'
-    return curve + f'<path class="dots" d="{dots}"/>' if has_dots and dots else curve
+    if has_dots and dots:
+        curve += f'<path class="dots" d="{dots}"/>'
+    return curve
 
 
 def draw_band(
@@ -165,14 +169,17 @@ def draw_band(
     low: Float[np.ndarray, " point"],
     high: Float[np.ndarray, " point"],
 ) -> str:
-    """Return the area between two lines, given as shares; points with a missing value are skipped."""
+    """Return the area between two lines, given as shares.
+
+    Points with a missing value are skipped.
+    """
     is_finite = np.isfinite(low) & np.isfinite(high)
-    x, low, high = np.asarray(x)[is_finite], low[is_finite], high[is_finite]
-    if not x.size:
+    if not is_finite.any():
         return ""
 
-    lower_edge = [_point(*point) for point in zip(x, low, strict=True)]
-    upper_edge = [_point(*point) for point in zip(x, high, strict=True)]
+    finite_x = np.asarray(x)[is_finite]
+    lower_edge = [_point(*point) for point in zip(finite_x, low[is_finite], strict=True)]
+    upper_edge = [_point(*point) for point in zip(finite_x, high[is_finite], strict=True)]
     outline = "L".join(lower_edge + upper_edge[::-1])
     return f'<path class="band" d="M{outline}Z"/>'
 
@@ -219,27 +226,29 @@ def draw_trend(
     # The x axis counts seconds since 1970.
     times = trend.times.astype("datetime64[ms]").astype(np.float64) / 1000
     x = Axis.around(times, kind="time")
-    limits = [] if limit is None else [limit]
-    y = Axis.around(trend.values, edges, limits, kind="log" if limits else "")
+    y = Axis.around(trend.values, edges)
 
     parts = []
+    if limit is not None:
+        y = Axis.around(trend.values, edges, [limit], kind="log")
+        parts.append(draw_horizontal(float(y.share(limit)), "alarm"))
     if baseline is not None:
         low, high = (np.full(2, y.share(edge)) for edge in edges)
         parts.append(draw_band(np.array([0.0, 1.0]), low, high))
         parts.append(draw_horizontal(float(y.share(median)), "median"))
-    if limit is not None:
-        parts.append(draw_horizontal(float(y.share(limit)), "alarm"))
     for alarm in alarms:
+        role = "alarm"
+        if alarm.kind == "sensor":
+            role = "sensor"
         share = float(x.share(alarm.opened.timestamp()))
         if 0 <= share <= 1:
-            parts.append(draw_vertical(share, "sensor" if alarm.kind == "sensor" else "alarm"))
+            parts.append(draw_vertical(share, role))
 
     heights = y.share(trend.values)
     parts.append(draw_curve(x.share(times), heights, has_dots=True))
 
     ids = " ".join(str(number) for number in trend.ids[np.isfinite(heights)])
-    titled = f"{title} [{unit}]" if unit else title
-    return draw_figure(x, y, parts, title=titled, ids=ids, unit=unit)
+    return draw_figure(x, y, parts, title=_with_unit(title, unit), ids=ids, unit=unit)
 
 
 def draw_spectra(site: Site, judgment: Judgment, healthy_ids: Sequence[int]) -> Sequence[Markup]:
@@ -253,14 +262,20 @@ def draw_spectra(site: Site, judgment: Judgment, healthy_ids: Sequence[int]) -> 
             return ()
         frequency, amplitude = _read_lines(recording)
         machine = site.config.machine(judgment.machine)
-        piston_count = machine.piston_count if machine else None
+        piston_count = None
+        if machine is not None:
+            piston_count = machine.piston_count
     except (SwashTwinError, OSError):
         return ()
 
     healthy = _read_healthy_lines(site, healthy_ids, amplitude.shape)
     x = Axis(0.0, float(frequency[-1]))
-    shaft_hz = None if judgment.speed is None else judgment.speed / (2 * math.pi)
-    marks = [] if shaft_hz is None else _order_marks(x, shaft_hz, piston_count)
+    marks: list[Mark] = []
+    data = {"unit": recording.unit}
+    if judgment.speed is not None:
+        shaft_hz = judgment.speed / (2 * math.pi)
+        marks = _order_marks(x, shaft_hz, piston_count)
+        data["shaft"] = repr(shaft_hz)
 
     figures = []
     for row, channel in enumerate(recording.channels):
@@ -272,13 +287,15 @@ def draw_spectra(site: Site, judgment: Judgment, healthy_ids: Sequence[int]) -> 
             parts.append(draw_band(x.share(frequency), low, high))
         parts.append(draw_curve(x.share(frequency), y.share(amplitude[row])))
 
-        data = {"unit": recording.unit}
-        if shaft_hz is not None:
-            data["shaft"] = repr(shaft_hz)
-        quantity = f"{channel} [{recording.unit}]" if recording.unit else channel
-        title = f"{quantity} over frequency [Hz]"
+        title = f"{_with_unit(channel, recording.unit)} over frequency [Hz]"
         figures.append(draw_figure(x, y, parts, title=title, marks=marks, **data))
     return figures
+
+
+def _with_unit(quantity: str, unit: str) -> str:
+    if not unit:
+        return quantity
+    return f"{quantity} [{unit}]"
 
 
 def _read_healthy_lines(

@@ -25,6 +25,8 @@ BODY_TIMEOUT_S = 120.0
 """Time in which a whole body must arrive."""
 UPLOAD_PATH = "/api/recordings"
 """Address that accepts recordings."""
+LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
+"""Names by which a browser on this computer calls the page."""
 
 # Digits of a content length that is converted at all; `int` of a long text is slow.
 _MAX_LENGTH_DIGITS = 12
@@ -61,18 +63,18 @@ class Guard:
 
     Parameters
     ----------
+    access : decides who may use the page; the `Visitor` becomes ``request.state.visitor``.
     hosts : names by which the page may be called. Any other ``Host`` is refused, so that a foreign
         site that points its own name to this computer (DNS rebinding) reads nothing. ``*`` allows
         any name.
-    access : decides who may use the page; the `Visitor` becomes ``request.state.visitor``.
     uploads : addresses whose bodies may be as large as a recording.
     """
 
     def __init__(
         self,
         app: ASGIApp,
-        hosts: Sequence[str],
         access: Access,
+        hosts: Sequence[str] = LOCAL_NAMES,
         uploads: Container[str] = (UPLOAD_PATH,),
     ) -> None:
         self.app = app
@@ -99,7 +101,9 @@ class Guard:
                 _add_headers(message, path)
             await send(message)
 
-        max_bytes = MAX_UPLOAD_BYTES if path in self.uploads else MAX_FORM_BYTES
+        max_bytes = MAX_FORM_BYTES
+        if path in self.uploads:
+            max_bytes = MAX_UPLOAD_BYTES
         refusal = self._refusal(scope, max_bytes)
         if refusal is None:
             try:
@@ -152,8 +156,9 @@ class Guard:
 
         is_page = scope["method"] == "GET" and not path.startswith(("/api/", "/metrics"))
         if is_page:
-            query = scope["query_string"].decode("latin-1")
-            target = f"{path}?{query}" if query else path
+            target = path
+            if scope["query_string"]:
+                target += f"?{scope['query_string'].decode('latin-1')}"
             return RedirectResponse(f"/login?next={quote(target, safe='')}", 303)
 
         return _refuse(
@@ -168,8 +173,9 @@ def _add_headers(message: Message, path: str) -> None:
     for name, value in _HEADERS.items():
         headers[name] = value
 
-    is_static = path.startswith("/static/")
-    headers["cache-control"] = "public, max-age=3600" if is_static else "no-store"
+    headers["cache-control"] = "no-store"
+    if path.startswith("/static/"):
+        headers["cache-control"] = "public, max-age=3600"
 
 
 def _is_from_another_site(headers: Headers, host: str) -> bool:

@@ -91,7 +91,7 @@ class Pages:
             page=page,
             pages=page_count,
             total=len(machines),
-            problems=() if site.status is None else site.status().problems,
+            problems=site.problems,
         )
 
     def machine(
@@ -107,20 +107,27 @@ class Pages:
         site = self._site
         overview = site.machine(name)
         configured_machine = site.config.machine(name)
+        pump = None
+        if configured_machine is not None:
+            pump = configured_machine.pump
+
         rows = self._reader.recordings(name, before=before, limit=ROWS_PER_TABLE)
+        older = None
+        if len(rows) == ROWS_PER_TABLE:
+            older = rows[-1].id
 
         return site.render(
             request,
             "machine.html.jinja",
             machine=overview,
             state=state_of(overview),
-            pump=None if configured_machine is None else configured_machine.pump,
+            pump=pump,
             alarms=overview.alarms,
             past_alarms=self._reader.alarms(name, state="closed", limit=10),
             rate=site.config.alarms.false_alarm_rate,
             limit=site.alarm_capital,
             recordings=rows,
-            older=rows[-1].id if len(rows) == ROWS_PER_TABLE else None,
+            older=older,
             events=self._reader.events(name, limit=_EVENTS_OF_MACHINE),
             evidence=self._draw_trend(name, "", "capital", ""),
             **self._selected_trend(overview, channel, indicator, point),
@@ -162,8 +169,13 @@ class Pages:
         baseline = None
         if stored_baseline:
             baseline = baseline_band_powers(stored_baseline).get((channel, indicator))
+        band = ""
+        if baseline is not None:
+            band = f"Healthy baseline ± {BAND_SPREADS:g} spreads"
 
-        title = f"{channel}: {indicator}" if channel else VERDICT_NAMES[indicator][0]
+        title, _ = VERDICT_NAMES.get(indicator, ("", ""))
+        if channel:
+            title = f"{channel}: {indicator}"
         return {
             "channel": channel,
             "indicator": indicator,
@@ -174,7 +186,7 @@ class Pages:
             "trend_title": title,
             "verdict_names": {name: title for name, (title, _) in VERDICT_NAMES.items()},
             "trend": self._draw_trend(machine.name, channel, indicator, point, baseline),
-            "band": f"Healthy baseline ± {BAND_SPREADS:g} spreads" if baseline else "",
+            "band": band,
         }
 
     def _draw_trend(
@@ -194,13 +206,16 @@ class Pages:
             if point in ("", alarm.point)
         ]
         title, unit = VERDICT_NAMES.get(indicator, (indicator, "dB"))
-        limit = self._site.alarm_capital if indicator == "capital" else None
+        limit = None
+        if indicator == "capital":
+            limit = self._site.alarm_capital
         return draw_trend(trend, title, unit, alarms, baseline=baseline, limit=limit)
 
     def recording(self, request: Request, identity: int) -> HTMLResponse:
         """Show one recording: verdict, evidence, spectrum, facts."""
         judgment = self._site.recording(identity)
         older_rows = self._reader.recordings(judgment.machine, before=judgment.id, limit=1)
+        earlier = next((row.id for row in older_rows), None)
 
         closed_alarms = self._reader.alarms(judgment.machine, state="closed", limit=ROWS_PER_TABLE)
         alarms = [
@@ -228,13 +243,16 @@ class Pages:
             facts=_facts(judgment),
             spectra=self._spectra(judgment.id, judgment.waveform is not None, healthy),
             healthy=healthy_caption,
-            earlier=older_rows[0].id if older_rows else None,
+            earlier=earlier,
             later=self._reader.later_recording(identity),
         )
 
     def alarms(self, request: Request, state: str = "") -> HTMLResponse:
         """Show alarms of all machines, newest first."""
-        selected_state = state if state in ("open", "acknowledged", "closed") else ""
+        selected_state = ""
+        if state in ("open", "acknowledged", "closed"):
+            selected_state = state
+
         if selected_state == "closed":
             alarms = list(self._reader.alarms(state="closed", limit=_PAST_ALARMS))
         else:
@@ -255,10 +273,13 @@ class Pages:
 
     def log(self, request: Request) -> HTMLResponse:
         """Show the status of the watch, recordings that were not judged, and events."""
+        status = None
+        if self._site.status is not None:
+            status = self._site.status()
         return self._site.render(
             request,
             "log.html.jinja",
-            status=None if self._site.status is None else self._site.status(),
+            status=status,
             rejections=self._reader.rejections(limit=_LOG_ROWS),
             events=self._reader.events(limit=_LOG_ROWS),
         )
@@ -310,8 +331,12 @@ def _checks(judgment: Judgment) -> Sequence[Check]:
 
 
 def _facts(judgment: Judgment) -> Sequence[tuple[str, str]]:
-    speed_rpm = None if judgment.speed is None else judgment.speed * 30 / math.pi
-    pressure_mpa = None if judgment.pressure is None else judgment.pressure / 1e6
+    speed_rpm = None
+    if judgment.speed is not None:
+        speed_rpm = judgment.speed * 30 / math.pi
+    pressure_mpa = None
+    if judgment.pressure is not None:
+        pressure_mpa = judgment.pressure / 1e6
     return (
         ("Operating point", judgment.point or NO_VALUE),
         ("Speed", f"{number(speed_rpm, 4)} rpm"),

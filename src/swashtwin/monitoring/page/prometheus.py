@@ -147,16 +147,20 @@ def metric_routes(site: Site) -> APIRouter:
 
         The problems are listed only for visitors who may use the page.
         """
-        problems = [] if site.status is None else list(site.status().problems)
+        problems = list(site.problems)
         try:
             site.history.reader.sequence()
         except SwashTwinError:
             problems.append("the history cannot be reached")
 
-        content: dict[str, object] = {"status": "problem" if problems else "ok"}
+        content: dict[str, object] = {"status": "ok"}
+        code = 200
+        if problems:
+            content["status"] = "problem"
+            code = 503
         if request.state.visitor is not None:
             content["problems"] = problems
-        return JSONResponse(content, 503 if problems else 200)
+        return JSONResponse(content, code)
 
     return routes
 

@@ -82,7 +82,9 @@ def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    family = socket.AF_INET
+    if ":" in host:
+        family = socket.AF_INET6
     try:
         listener = socket.create_server((host, port), family=family)
     except OSError as cause:
@@ -101,7 +103,6 @@ def _listen(host: str, port: int) -> socket.socket:
 
 def _is_not_a_cancellation(record: logging.LogRecord) -> bool:
     """Return whether a log record is not just about a request that the end of the watch ended."""
-    cause = record.exc_info[1] if record.exc_info else None
-    if isinstance(cause, asyncio.CancelledError):
+    if record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError):
         return False
     return not str(record.msg).startswith("Cancel ")

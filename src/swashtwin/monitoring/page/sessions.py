@@ -64,7 +64,7 @@ class Access:
 
     def __init__(self, settings: PageSettings) -> None:
         self.settings = settings
-        self.users = None if settings.users is None else UserFile(settings.users)
+        self.users: UserFile | None = None
         """People and programs; `None` if the page is open to this computer only."""
         self._throttle = Throttle()
         self._form_key = secrets.token_bytes(32)
@@ -74,10 +74,12 @@ class Access:
         that strangers who guess passwords cannot lock that person out.
         """
         self._lock = threading.Lock()
-        if self.users is not None and not self.users.entries():
-            raise InputError(
-                f"{settings.users} has no user and no token; add one with swashtwin watch user."
-            )
+        if settings.users is not None:
+            self.users = UserFile(settings.users)
+            if not self.users.entries():
+                raise InputError(
+                    f"{settings.users} has no user and no token; add one with swashtwin watch user."
+                )
 
     def visitor(self, request: HTTPConnection) -> Visitor | None:
         """Return who sent a request; `None` if the sender may not use the page."""
@@ -88,10 +90,14 @@ class Access:
         scheme, _, token = request.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
             program = self.users.program(token.strip())
-            return None if program is None else Visitor(program.name, program.kind)
+            if program is None:
+                return None
+            return Visitor(program.name, program.kind)
 
         person = self._session_name(self.users, request.cookies.get(COOKIE, ""))
-        return None if person is None else Visitor(person, "person")
+        if person is None:
+            return None
+        return Visitor(person, "person")
 
     def login(self, request: HTTPConnection, name: str, password: str) -> str | int:
         """Return a new session's id, or the seconds to wait before the next attempt.
@@ -145,7 +151,9 @@ class Access:
 
     def _address(self, request: HTTPConnection) -> str:
         """Return the address that an attempt to log in comes from."""
-        address = request.client.host if request.client else "unknown"
+        address = "unknown"
+        if request.client is not None:
+            address = request.client.host
         if address != self.settings.proxy:
             return address
 

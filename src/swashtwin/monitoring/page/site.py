@@ -21,7 +21,8 @@ from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.schema import Alarm, Judgment
 from swashtwin.monitoring.page import formatting
 from swashtwin.monitoring.page.sessions import COOKIE, Access, Visitor
-from swashtwin.monitoring.page.states import RECORDING_STATES, REJECTION_REASONS, alarm_state
+from swashtwin.monitoring.page.states import RECORDING_STATES, alarm_state
+from swashtwin.monitoring.sources.delivery import REJECTION_REASONS
 from swashtwin.monitoring.status import WatchStatus
 
 MAX_ID = 2**31 - 1
@@ -57,14 +58,16 @@ class Site:
         """Return a page made from a template; its forms carry the token of the visit."""
         visit = request.cookies.get(COOKIE) or secrets.token_urlsafe(32)
         visitor: Visitor | None = request.state.visitor
-        query = request.url.query
+        page_address = request.url.path
+        if request.url.query:
+            page_address += f"?{request.url.query}"
         html = (
             _templates()
             .get_template(template)
             .render(
                 visitor=visitor,
                 form_token=self.access.form_token(visit),
-                page_address=f"{request.url.path}?{query}" if query else request.url.path,
+                page_address=page_address,
                 now=datetime.now(UTC),
                 **values,
             )
@@ -89,13 +92,24 @@ class Site:
 
     def recording(self, number: int) -> Judgment:
         """Return a stored recording by its number, or answer 404."""
-        judgment = self.history.reader.recording(number) if 0 < number <= MAX_ID else None
+        judgment = None
+        if 0 < number <= MAX_ID:
+            judgment = self.history.reader.recording(number)
         return _require(judgment, f"recording {number}")
 
     def alarm(self, number: int) -> Alarm:
         """Return an alarm by its number, or answer 404."""
-        alarm = self.history.reader.alarm(number) if 0 < number <= MAX_ID else None
+        alarm = None
+        if 0 < number <= MAX_ID:
+            alarm = self.history.reader.alarm(number)
         return _require(alarm, f"alarm {number}")
+
+    @property
+    def problems(self) -> Sequence[str]:
+        """What keeps the watch from working; empty if the page runs without a watch."""
+        if self.status is None:
+            return ()
+        return self.status().problems
 
     @property
     def alarm_capital(self) -> float:
@@ -161,4 +175,6 @@ def local_path(address: str) -> str:
     """
     is_path = address.startswith("/") and not address.startswith(("//", "/\\"))
     is_short = len(address) < _MAX_TARGET_LENGTH
-    return address if is_path and is_short and address.isprintable() else "/"
+    if is_path and is_short and address.isprintable():
+        return address
+    return "/"

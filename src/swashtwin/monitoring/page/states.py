@@ -18,19 +18,6 @@ RECORDING_STATES: Mapping[str, str] = MappingProxyType(
 )
 """Name of each state of a recording."""
 
-REJECTION_REASONS: Mapping[str, str] = MappingProxyType(
-    {
-        "machine": "unknown machine",
-        "double": "duplicate",
-        "late": "too late",
-        "broken": "not readable as configured",
-        "unfit": "not fit for a verdict",
-        "points": "too many operating points",
-        "error": "error of the watch",
-    }
-)
-"""Reasons why a recording was not judged."""
-
 VERDICT_NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "capital": ("Evidence", ""),
@@ -44,13 +31,15 @@ VERDICT_NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """Name and unit of what is stored of each recording besides its indicators."""
 
+VERDICT_GROUP = "Verdict and operating point"
 INDICATOR_GROUPS = (
     "Orders",
     "Orders of the envelope",
     "Bands",
     "Bands of the envelope",
-    "Verdict and operating point",
+    VERDICT_GROUP,
 )
+"""Groups of indicators, in the order of the page."""
 
 
 class MachineState(NamedTuple):
@@ -104,7 +93,9 @@ def _state_code(machine: MachineOverview) -> str:
     # A recording from before the maintenance no longer describes the machine.
     if machine.maintained is not None and machine.maintained > newest.received:
         return "learning"
-    return newest.state if newest.state in ("normal", "learning") else "unusual"
+    if newest.state in ("normal", "learning"):
+        return newest.state
+    return "unusual"
 
 
 def alarm_state(alarm: Alarm) -> MachineState:
@@ -122,7 +113,11 @@ def group_indicators(names: Iterable[str]) -> Sequence[tuple[str, Sequence[str]]
 
 def _group_of(name: str) -> str:
     if name in VERDICT_NAMES:
-        return INDICATOR_GROUPS[4]
+        return VERDICT_GROUP
+
+    group = "Bands"
     if "order" in name:
-        return INDICATOR_GROUPS[1 if "envelope" in name else 0]
-    return INDICATOR_GROUPS[3 if "envelope" in name else 2]
+        group = "Orders"
+    if "envelope" in name:
+        group += " of the envelope"
+    return group

@@ -90,7 +90,9 @@ def add_token(path: Path, name: str, *, control: bool = False) -> str:
         The name is invalid.
     """
     token = f"st_{secrets.token_urlsafe(32)}"
-    kind: Kind = "control" if control else "token"
+    kind: Kind = "token"
+    if control:
+        kind = "control"
     _replace_entry(path, Entry(name, kind, digest(token)))
     return token
 
@@ -199,13 +201,13 @@ def _replace_entry(path: Path, entry: Entry) -> None:
             " spaces, with no space at the ends."
         )
 
-    # A person and a program may share a name; two programs may not.
-    replaced_kinds = ("person",) if entry.kind == "person" else ("token", "control")
+    is_person = entry.kind == "person"
     with _editing(path) as entries:
+        # A person and a program may share a name; two programs may not.
         entries[:] = [
             present
             for present in entries
-            if present.name != entry.name or present.kind not in replaced_kinds
+            if present.name != entry.name or (present.kind == "person") is not is_person
         ]
         entries.append(entry)
 
@@ -220,7 +222,9 @@ def _editing(path: Path) -> Iterator[list[Entry]]:
     lock_path = path.with_name(f".{path.name}.lock")
     with FileLock(lock_path):
         _give_to_owner(lock_path, path)
-        entries = _read_entries(path) if path.exists() else []
+        entries: list[Entry] = []
+        if path.exists():
+            entries = _read_entries(path)
         yield entries
         _write_entries(path, entries)
 

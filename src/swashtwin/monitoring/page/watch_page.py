@@ -16,7 +16,7 @@ from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.actions import change_routes, visit_routes
 from swashtwin.monitoring.page.api import machine_routes, record_routes
-from swashtwin.monitoring.page.guard import Guard
+from swashtwin.monitoring.page.guard import LOCAL_NAMES, Guard
 from swashtwin.monitoring.page.pages import page_routes
 from swashtwin.monitoring.page.prometheus import metric_routes
 from swashtwin.monitoring.page.sessions import Access
@@ -24,8 +24,6 @@ from swashtwin.monitoring.page.site import Site, Upload
 from swashtwin.monitoring.page.uploads import upload_routes
 from swashtwin.monitoring.status import WatchStatus
 
-LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
-"""Names by which a browser on this computer calls the page."""
 _ANY_ADDRESS = ("0.0.0.0", "::", "")
 _PROGRAM_PATHS = ("/api/", "/metrics", "/health")
 
@@ -103,7 +101,9 @@ def _handle_errors(application: FastAPI, site: Site) -> None:
 
     @application.exception_handler(HTTPException)
     async def answer_refusal(request: Request, error: HTTPException) -> Response:
-        title = "Not found" if error.status_code == 404 else "Request refused"
+        title = "Request refused"
+        if error.status_code == 404:
+            title = "Not found"
         return await answer(request, error.status_code, title, str(error.detail))
 
     @application.exception_handler(RequestValidationError)

@@ -223,7 +223,7 @@ class RecordingFiler:
             for alarm in transaction.alarms()
             if alarm.kind == kind and alarm.point == judgment.point
         ]
-        alarm = alarms[-1] if alarms else None
+        alarm = next(reversed(alarms), None)
 
         if change == "raised":
             event = "opened"
@@ -239,7 +239,9 @@ class RecordingFiler:
         elif alarm is None:
             return
         else:
-            event = "closed" if alarm.state == "acknowledged" else "cleared"
+            event = "cleared"
+            if alarm.state == "acknowledged":
+                event = "closed"
             transaction.clear_alarm(alarm.id, judgment.time)
 
         if not transaction.silenced(judgment.received):
@@ -326,15 +328,17 @@ def _save_state(
     previous_state: OperatingPointState | None,
     result: OperatingPointJudgment,
 ) -> None:
-    baseline = result.state.baseline
     # A baseline is large: it is written only when it has learned something.
-    is_unchanged = previous_state is not None and baseline is previous_state.baseline
+    baseline = result.state.baseline
+    changed_baseline = None
+    if previous_state is None or baseline is not previous_state.baseline:
+        changed_baseline = to_table(baseline)
 
     transaction.save_operating_point(
         point.name,
         speed=point.speed,
         pressure=point.pressure,
-        baseline=None if is_unchanged else to_table(baseline),
+        baseline=changed_baseline,
         test=result.state.test_table(),
     )
 
@@ -360,4 +364,6 @@ def _recording_state(result: OperatingPointJudgment) -> str:
         return "alarm"
     if result.stage == "learning":
         return "learning"
-    return "unusual" if result.is_large else "normal"
+    if result.is_large:
+        return "unusual"
+    return "normal"

@@ -19,7 +19,7 @@ from swashtwin.monitoring.service.filing import (
     RecordingFiler,
 )
 from swashtwin.monitoring.sources.contents import read_contents
-from swashtwin.monitoring.sources.delivery import RejectionError
+from swashtwin.monitoring.sources.delivery import REJECTION_REASONS, RejectionError
 from swashtwin.monitoring.sources.spool import RejectedFiles, SpoolFile
 from swashtwin.monitoring.sources.tags import Tags
 from swashtwin.recordings import Recording
@@ -109,14 +109,15 @@ class Pipeline:
         if name is None and len(self._config.machines) == 1:
             return self._config.machines[0]
 
-        machine = None if name is None else self._config.machine(name)
-        if machine is None:
-            problem = "no machine is specified" if name is None else f"unknown machine {name!r}"
-            raise RejectionError(
-                "machine",
-                f"{problem}; the configuration has {self._config.machine_names}.",
-            )
-        return machine
+        problem = "no machine is specified"
+        if name is not None:
+            machine = self._config.machine(name)
+            if machine is not None:
+                return machine
+            problem = f"unknown machine {name!r}"
+        raise RejectionError(
+            "machine", f"{problem}; the configuration has {self._config.machine_names}."
+        )
 
     def _diagnose(self, machine: Machine, recording: Recording) -> ModelVerdict:
         """Return the verdict of the machine's model, or why there is none."""
@@ -140,7 +141,8 @@ class Pipeline:
         confidence = None
         if not diagnosis.unknown:
             probability = diagnosis.probabilities.get(diagnosis.label)
-            confidence = diagnosis.agreement if diagnosis.n_windows else None
+            if diagnosis.n_windows:
+                confidence = diagnosis.agreement
 
         return ModelVerdict(
             fingerprint,
@@ -175,6 +177,9 @@ class Pipeline:
 
     def _reject(self, file: SpoolFile, reason: str, detail: str) -> Outcome:
         delivery = file.delivery
+        copy = None
+        if reason != "double":  # the history has the samples of a duplicate
+            copy = self._rejected.keep(file)
         rejection = Rejection(
             received=delivery.received,
             source=delivery.source,
@@ -183,7 +188,7 @@ class Pipeline:
             content=sha256_of(file.path),
             reason=reason,
             detail=detail,
-            copy=None if reason == "double" else self._rejected.keep(file),
+            copy=copy,
         )
         self._history.reject(rejection)
 
@@ -191,21 +196,9 @@ class Pipeline:
             machine=delivery.machine or "",
             file=delivery.file,
             state="rejected",
-            sentence=f"rejected ({_REASON_TEXTS.get(reason, reason)}): {detail}",
+            sentence=f"rejected ({REJECTION_REASONS.get(reason, reason)}): {detail}",
             has_failed=reason == "error",
         )
-
-
-# Text of each reason of a rejection, for the progress of the watch.
-_REASON_TEXTS = {
-    "machine": "unknown machine",
-    "double": "duplicate",
-    "late": "too late",
-    "broken": "unreadable",
-    "unfit": "unfit",
-    "points": "too many operating points",
-    "error": "internal error",
-}
 
 
 def _load_model(path: Path | None) -> "tuple[Model, str] | str | None":

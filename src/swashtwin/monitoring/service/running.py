@@ -264,7 +264,10 @@ class Watch:
 
             self._history_problem = None
             self._counters["seconds_judging"] += time.thread_time() - thread_time
-            self._counters["rejected" if outcome.state == "rejected" else "judged"] += 1
+            if outcome.state == "rejected":
+                self._counters["rejected"] += 1
+            else:
+                self._counters["judged"] += 1
             self._counters["failures"] += outcome.has_failed
             self._progress(outcome)
             return
@@ -319,7 +322,8 @@ def run_watch(
     HistoryError
         The history cannot be opened.
     """
-    stop = threading.Event() if stop is None else stop
+    if stop is None:
+        stop = threading.Event()
     with lock_folder(config.folder):
         history = History.open(config.history_url, config.folder, config.retention)
         try:

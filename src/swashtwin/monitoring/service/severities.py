@@ -79,11 +79,14 @@ class SeverityMeasurer:
 
     def _request(self, machine: Machine, label: str, judgment: Judgment) -> SeverityRequest:
         folder = self._history.waveforms.folder
+        recording = None
+        if judgment.waveform:
+            recording = folder / judgment.waveform
         healthy_files = self._history.reader.healthy_files(judgment, N_HEALTHY_RECORDINGS)
         return SeverityRequest(
             machine,
             label,
-            recording=folder / judgment.waveform if judgment.waveform else None,
+            recording=recording,
             healthy=tuple(folder / name for name in healthy_files.values()),
         )
 

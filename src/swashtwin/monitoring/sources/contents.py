@@ -32,9 +32,17 @@ RATE_TOLERANCE = 1e-3
 TEMPORARY_ERRORS = (ENOSPC, EDQUOT, EMFILE, ENFILE)
 """Errors of the computer, not of a file: the recording may be read later."""
 READ_OPTIONS = (
-    "sample_rate", "unit", "sensitivity", "channels", "names", "time_column", "time_unit", "header_lines", "separator",
+    "sample_rate",
+    "unit",
+    "sensitivity",
+    "channels",
+    "names",
+    "time_column",
+    "time_unit",
+    "header_lines",
+    "separator",
     "decimal",
-)  # fmt: skip
+)
 """Facts of a machine's files, by the names that they have in an index."""
 
 
@@ -97,8 +105,10 @@ def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Conte
 
 
 def _load(file: SpoolFile, machine: Machine) -> Recording:
-    is_message = file.path.name.endswith(SAMPLES_SUFFIX)
-    recording = _load_message(file, machine) if is_message else _load_file(file, machine)
+    if file.path.name.endswith(SAMPLES_SUFFIX):
+        recording = _load_message(file, machine)
+    else:
+        recording = _load_file(file, machine)
 
     rate = machine.sample_rate
     if rate is not None and abs(recording.sample_rate / rate - 1) > RATE_TOLERANCE:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from swashtwin.foundation import DataError, InputError, escape_controls, parse_quantity, plain_text
@@ -39,6 +40,20 @@ MAX_SHOWN_LENGTH = 60
 """Characters of a wrong value in a message."""
 MIN_TIME = datetime(1990, 1, 1, tzinfo=UTC)
 """Earliest time of a recording: clocks that were never set start in 1970 or 1980."""
+
+
+REJECTION_REASONS: Mapping[str, str] = MappingProxyType(
+    {
+        "machine": "unknown machine",
+        "double": "duplicate",
+        "late": "too late",
+        "broken": "not readable as configured",
+        "unfit": "not fit for a verdict",
+        "points": "too many operating points",
+        "error": "error of the watch",
+    }
+)
+"""Reasons why a recording was not judged."""
 
 
 class RejectionError(DataError):
@@ -145,7 +160,9 @@ def read_time(text: str) -> datetime:
     """
     try:
         time = datetime.fromisoformat(text)
-        time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+        if time.tzinfo is None:
+            time = time.replace(tzinfo=UTC)
+        time = time.astimezone(UTC)
     except (ValueError, OverflowError):
         raise InputError(
             f'time = {_shorten(text)} must be ISO 8601, such as "2026-11-23T14:00:00Z".'
@@ -202,4 +219,6 @@ def safe_name(text: str) -> str:
 
 def _shorten(value: object) -> str:
     text = repr(value)
-    return text if len(text) <= MAX_SHOWN_LENGTH else f"{text[:MAX_SHOWN_LENGTH]}..."
+    if len(text) > MAX_SHOWN_LENGTH:
+        text = f"{text[:MAX_SHOWN_LENGTH]}..."
+    return text

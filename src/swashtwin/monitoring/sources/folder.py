@@ -132,7 +132,9 @@ class FolderWatch:
             if self._taken.has(path, stamp):
                 continue
             previous_stamp, since = previously_waiting.get(path, (None, now))
-            self._waiting[path] = (stamp, since if stamp == previous_stamp else now)
+            if stamp != previous_stamp:
+                since = now
+            self._waiting[path] = (stamp, since)
 
         ready_files = [
             path

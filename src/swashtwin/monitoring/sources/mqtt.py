@@ -75,8 +75,9 @@ class MqttWatch:
                 if not stop.is_set() and self.status.problem is None:
                     self._fail("the connection was lost")
 
-            was_connected_long = time.monotonic() - start > MAX_PAUSE_S
-            pause = FIRST_PAUSE_S if was_connected_long else min(2 * pause, MAX_PAUSE_S)
+            pause = min(2 * pause, MAX_PAUSE_S)
+            if time.monotonic() - start > MAX_PAUSE_S:  # the connection has worked
+                pause = FIRST_PAUSE_S
             stop.wait(pause)
 
     def _disconnect_at(self, stop: threading.Event) -> None:
@@ -164,7 +165,10 @@ def broker_client(broker: Broker, name: str = "", *, manual_ack: bool = False) -
     if broker.user is not None:
         client.username_pw_set(broker.user, broker.password.reveal() or None)
     if broker.tls:
-        client.tls_set(None if broker.ca is None else str(broker.ca))
+        ca_file = None  # those of the system
+        if broker.ca is not None:
+            ca_file = str(broker.ca)
+        client.tls_set(ca_file)
     return client
 
 

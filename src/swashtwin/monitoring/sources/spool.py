@@ -139,7 +139,7 @@ class Spool:
     def _damaged_file(self, key: str, card: Path) -> SpoolFile:
         """Return a recording whose card is damaged, to be rejected."""
         data_paths = [path for path in self._folder.glob(f"{key}.*") if path != card]
-        path = data_paths[0] if data_paths else card
+        path = next(iter(data_paths), card)
         delivery = Delivery(
             "spool", path.name, datetime.now(UTC), problem="the card of the file is damaged."
         )
@@ -171,7 +171,9 @@ class RejectedFiles:
             return None
 
         self._remove_surplus()
-        return path.name if path.exists() else None
+        if not path.exists():
+            return None
+        return path.name
 
     def _remove_surplus(self) -> None:
         total_size = 0
@@ -211,8 +213,10 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 def _data_suffix(delivery: Delivery) -> str:
     suffix = suffix_of(Path(safe_name(delivery.file)))
-    # A recording in a JSON file must not be taken for a card.
-    return f"{_CARD_SUFFIX}.data" if suffix == _CARD_SUFFIX else suffix
+    if suffix == _CARD_SUFFIX:
+        # A recording in a JSON file must not be taken for a card.
+        suffix += ".data"
+    return suffix
 
 
 def _write(path: Path, content: bytes | Path) -> str:

@@ -19,13 +19,13 @@ from swashtwin.pump import PistonWear
 from swashtwin.recordings import Recording
 from swashtwin_bench import StudyResult, Work, build_plan, run_plan, write_study_report
 from swashtwin_bench.fillers.interpolation import SMOTE
-from swashtwin_bench.results.page import differences_table, scores_table
+from swashtwin_bench.results.page import build_differences_table, build_scores_table
 from swashtwin_bench.results.runs import load_run
-from swashtwin_bench.rivals.models import DEFAULT
+from swashtwin_bench.rivals.models import OWN_NETWORK
 from swashtwin_bench.studies import runner
 from swashtwin_bench.studies.dataset import calibration_tasks
 from swashtwin_bench.studies.perturbations import Perturbation
-from swashtwin_bench.studies.runner import build_study, fleets
+from swashtwin_bench.studies.runner import build_study, find_fleets
 from swashtwin_bench.studies.scenario import MACHINED, split_scenario
 from swashtwin_bench.studies.training_sets import TrainingSet
 
@@ -48,7 +48,7 @@ def confusions(study: StudyResult) -> list[Any]:
 def test_the_rows_are_those_of_the_schema(result: StudyResult) -> None:
     table = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     expected = [
-        (c, name, at) for c in (DEFAULT, "extra_trees") for name in SETS for at in ("L2", "L4")
+        (c, name, at) for c in (OWN_NETWORK, "extra_trees") for name in SETS for at in ("L2", "L4")
     ]
     assert [
         (row["classifier"], row["training_set"], row["split"]) for row in table["rows"]
@@ -89,12 +89,12 @@ def test_every_training_pump_is_calibrated_away_from_the_tests(
 def test_a_rerun_does_nothing_again(
     recordings: list[Recording], result: StudyResult, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(runner, "train_and_test", lambda *_, **__: pytest.fail("was done before"))
+    monkeypatch.setattr(runner, "train_and_test", lambda *_, **__: pytest.fail("was finished"))
     messages: list[str] = []
     work = Work((0, 1), out=out, progress=lambda what, *_: messages.append(what))
     again = run_plan(tiny(), recordings, work)
     assert again.rows() == result.rows()
-    assert messages == ["6 of seed 0 done before", "6 of seed 1 done before"]
+    assert messages == ["6 of seed 0 already finished", "6 of seed 1 already finished"]
     assert len(again.calibrations) == 2
     assert again.command == "swashtwin bench study case1 rig"
 
@@ -117,7 +117,7 @@ def test_another_setting_is_another_task(
         tiny(perturbations=(Perturbation("white", 5.0),)),
     ):
         network = [
-            task.key for task in other.tasks(0, data) if task.factors["classifier"] == DEFAULT
+            task.key for task in other.tasks(0, data) if task.factors["classifier"] == OWN_NETWORK
         ]
         assert not keys & set(network)
     assert not keys & {task.key for task in plan.tasks(1, data)}
@@ -159,12 +159,12 @@ def test_a_broken_run_is_refused_by_name(
     for text, message in (
         ('{"half', "is damaged"),
         (json.dumps({**done, "format": "swashtwin run 0"}), "this version reads"),
-        (json.dumps({**done, "key": "other"}), "another task's"),
+        (json.dumps({**done, "key": "other"}), "belongs to another task"),
     ):
         (folder / "result.json").write_text(text)
         with pytest.raises(ArtifactError, match=message):
             load_run(folder)
-    with pytest.raises(ArtifactError, match="another task's"):
+    with pytest.raises(ArtifactError, match="belongs to another task"):
         run_plan(tiny(), recordings, Work(out=tmp_path))
 
 
@@ -172,7 +172,7 @@ def test_a_folder_of_other_files_is_no_fleet(tmp_path: Path) -> None:
     (tmp_path / "rig-small-0").mkdir()
     (tmp_path / "rig-small-0" / "half.h5").touch()
     with pytest.raises(InputError, match="choose a new folder"):
-        fleets(tmp_path, "small", "1", Work())(0)
+        find_fleets(tmp_path, "small", "1", Work())(0)
 
 
 def test_a_calibration_is_not_reused_for_recordings_with_other_facts(
@@ -194,7 +194,7 @@ STUBS = [
     run(name, seed, 0.8, classifier)
     for name in SETS
     for seed in (0, 1)
-    for classifier in (DEFAULT, "extra_trees")
+    for classifier in (OWN_NETWORK, "extra_trees")
 ]
 
 
@@ -208,9 +208,9 @@ def test_a_row_of_fewer_seeds_than_the_study_says_so_and_each_command_is_named(
         {**each, "command": f"swashtwin bench study case1 --seeds {each['seed']}"} for each in few
     ]
     study = build_study(build_plan("case1"), runs)
-    counted = {row[0].text.split(", ")[-1]: row[1].text for row in scores_table(study).rows}
-    assert (counted["measured only"], counted["with calibrated twin"]) == ("1", "2")
-    assert {row[4].text for row in differences_table(study).rows} == {"1", "2"}
+    counted = {row[0].text.split(", ")[-1]: row[1].text for row in build_scores_table(study).rows}
+    assert (counted["measured windows only"], counted["with calibrated twin"]) == ("1", "2")
+    assert {row[4].text for row in build_differences_table(study).rows} == {"1", "2"}
     assert (
         study.command
         == "swashtwin bench study case1 --seeds 0 && swashtwin bench study case1 --seeds 1"
@@ -279,25 +279,26 @@ def test_the_answer_gives_the_difference_paired_by_seed_and_whether_it_is_chance
         "nominal": (0.6, 0.71, 0.64),
         "calibrated": (0.71, 0.82, 0.78),
     }
-    text = answer({DEFAULT: sets}, data="")
-    assert "L2: highest accuracy 0.770 (BiTCN on levels (ours), with calibrated twin)." in text
+    text = answer({OWN_NETWORK: sets}, data="")
+    assert "L2: highest accuracy 0.770, BiTCN on spectra (ours), with calibrated twin." in text
     assert (
-        "with calibrated twin less measured only (BiTCN on levels (ours)): +22.0 points (" in text
+        "Accuracy of BiTCN on spectra (ours) with calibrated twin minus accuracy with measured "
+        "windows only: +22.0 points (95 % interval "
+    ) in text
+    assert "not significant" in answer(
+        {OWN_NETWORK: {"measured": (0.5, 0.6), "calibrated": (0.7, 0.5)}}
     )
-    assert "which may be chance" in answer(
-        {DEFAULT: {"measured": (0.5, 0.6), "calibrated": (0.7, 0.5)}}
+    assert "+10.0 points (95 % interval +10.0 to +10.0; not significant)." in answer(
+        {OWN_NETWORK: {"measured": (0.5, 0.5), "calibrated": (0.6, 0.6)}}
     )
-    assert "+10.0 points (+10.0 to +10.0), which may be chance" in answer(
-        {DEFAULT: {"measured": (0.5, 0.5), "calibrated": (0.6, 0.6)}}
-    )
-    assert "+20.0 points, one seed." in answer(
-        {DEFAULT: {"measured": (0.5,), "calibrated": (0.7,)}}
+    assert "+20.0 points (one seed)." in answer(
+        {OWN_NETWORK: {"measured": (0.5,), "calibrated": (0.7,)}}
     )
 
 
 def test_the_best_row_has_all_seeds() -> None:
-    text = answer({DEFAULT: {"calibrated": (0.9, 0.6)}, "extra_trees": {"calibrated": (0.95,)}})
-    assert "highest accuracy of those of 2 seeds 0.750" in text
+    text = answer({OWN_NETWORK: {"calibrated": (0.9, 0.6)}, "extra_trees": {"calibrated": (0.95,)}})
+    assert "highest accuracy (rows of 2 seeds) 0.750" in text
 
 
 def test_rows_of_no_synthetic_window_are_compared_with_those_of_every_number() -> None:
@@ -307,7 +308,7 @@ def test_rows_of_no_synthetic_window_are_compared_with_those_of_every_number() -
             0,
             0.5,
             splits=("L2",),
-            factors={"classifier": DEFAULT, "training_set": name, "synthetic": budget},
+            factors={"classifier": OWN_NETWORK, "training_set": name, "synthetic": budget},
         )
         for name, budget in (
             ("measured", "0"),

@@ -198,7 +198,7 @@ def test_levels_of_a_window_come_out_centered_and_of_unit_deviation():
     mean, deviation, n = (
         network.get_buffer("mean"),
         network.get_buffer("deviation"),
-        network.n_still,
+        network.n_static,
     )
     for values, part in ((still, slice(n)), (moving.transpose(1, 2).flatten(0, 1), slice(n, None))):
         scaled = (values - mean[part]) / deviation[part]

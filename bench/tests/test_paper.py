@@ -20,7 +20,7 @@ from swashtwin.recordings import Recording
 from swashtwin_bench import EXPERIMENTS, Work, run_paper, write_paper_page
 from swashtwin_bench.paper import experiments, identification
 from swashtwin_bench.paper.experiments import convergence_sentence
-from swashtwin_bench.paper.identification import BEST_CANDIDATE, NOMINAL
+from swashtwin_bench.paper.identification import LOWEST_RATE, NOMINAL
 from swashtwin_bench.questions.calibration import Contender
 from swashtwin_bench.results.reported import format_reported
 from swashtwin_bench.results.result import StudyResult
@@ -67,7 +67,7 @@ def tiny_paper(recordings: list[Recording]) -> Iterator[pytest.MonkeyPatch]:
             "swashtwin_bench.studies.training_sets.discriminative_score", lambda *_, **__: 0.5
         )
         patch.setattr("swashtwin_bench.results.figures._tsne", lambda features: features[:, :2])
-        patch.setattr(experiments, "fleets", fleets)
+        patch.setattr(experiments, "find_fleets", fleets)
         patch.setitem(plans.SCENARIOS, ("paper", "quick"), TINY)
         patch.setitem(plans.CASE_TWO, ("paper", "quick"), {"scarce_windows": 0})
         patch.setitem(plans.TRAINING, "quick", replace(plans.TRAINING["quick"], epochs=2))
@@ -80,7 +80,7 @@ def tiny_paper(recordings: list[Recording]) -> Iterator[pytest.MonkeyPatch]:
         searches: Mapping[str, Contender | None] = {
             NOMINAL: None,
             "ipinn_0.9": Contender(IPINN(learning_rate=0.9, epochs=2)),
-            BEST_CANDIDATE: Contender(IPINN(epochs=3)),
+            LOWEST_RATE: Contender(IPINN(epochs=3)),
             "gauss_newton_housing": Contender(GaussNewton(starts=1)),
         }
         patch.setattr(identification, "methods", lambda size: searches)
@@ -106,7 +106,7 @@ def test_every_experiment_of_the_paper_runs(results: dict[str, StudyTable]) -> N
         ("by recording", "L2"), ("by recording", "L4"), ("at random", "L0"), ("at random", "L4"),
     }  # fmt: skip
     assert {row["classifier"] for row in results["paper-recess"].rows()} == {
-        plans.MAIN,
+        plans.PAPER_NETWORK,
         "extra_trees",
     }
     assert set(VERSIONS) == {"1", "1-deep"}
@@ -115,7 +115,7 @@ def test_every_experiment_of_the_paper_runs(results: dict[str, StudyTable]) -> N
 def test_repeats_train_anew_on_the_same_data(results: dict[str, StudyTable]) -> None:
     study = results["paper-algorithms"]
     assert isinstance(study, StudyResult)
-    runs = [run for run in study.runs if run["factors"]["classifier"] == plans.MAIN]
+    runs = [run for run in study.runs if run["factors"]["classifier"] == plans.PAPER_NETWORK]
     assert [run["seed"] for run in runs] == [0, 1]
     assert len({run["sha256"]["train"] for run in runs}) == 1
     assert runs[0]["history"] != runs[1]["history"]
@@ -208,9 +208,9 @@ def test_a_search_that_fails_is_a_row_with_its_reason(
 
     monkeypatch.setattr(identification, "calibrate", failing)
     study = identification.run_identification(Work((3,)), "quick", lambda seed: recordings)
-    assert not np.isfinite(study.values("rmse", twin=BEST_CANDIDATE)).any()
+    assert not np.isfinite(study.values("rmse", twin=LOWEST_RATE)).any()
     assert np.isfinite(study.values("rmse", twin=NOMINAL)).all()
-    assert f"{BEST_CANDIDATE}: the loss is nan in epoch 2; lower learning_rate." in study.notes
+    assert f"{LOWEST_RATE}: the loss is nan in epoch 2; lower learning_rate." in study.notes
     assert "every search failed" in str(identification.values_table(study))
 
 

@@ -192,7 +192,7 @@ def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:
 
 def test_a_training_set_that_nothing_fills_is_refused_by_name() -> None:
     with pytest.raises(
-        InputError, match=r"nothing fills by 'smoote'; there are nominal, calibrated, "
+        InputError, match=r"Unknown source 'smoote' of synthetic windows: must be one of nominal, "
     ):
         TrainingSet("smoote")
 
@@ -224,12 +224,12 @@ def test_a_study_can_be_run_in_part_and_by_other_classifiers() -> None:
         (PlanSettings(values=("73",)), "no value of synthetic '73'; there are 0, 72, 200"),
         (
             PlanSettings(classifiers=("extra_tres",)),
-            "no model is called 'extra_tres'; did you mean 'extra_trees'",
+            "Unknown classifier 'extra_tres'. Did you mean 'extra_trees'",
         ),
     ):
         with pytest.raises(InputError, match=message):
             augmentation.with_settings(settings)
-    with pytest.raises(InputError, match="nothing to do: calibrated is not trained at synthetic 0"):
+    with pytest.raises(InputError, match="has no task: calibrated is not trained at synthetic 0"):
         run_plan(
             augmentation.with_settings(PlanSettings(training_sets=("calibrated",), values=("0",))),
             [],

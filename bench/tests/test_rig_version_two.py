@@ -20,7 +20,7 @@ from swashtwin_bench.rigs.version_two.fleet import SecondSpecimen, draw_fault, d
 from swashtwin_bench.rigs.version_two.sounds import bursts, list_impacts, loudness
 from swashtwin_bench.rigs.writing import RigSize
 from swashtwin_bench.studies.dataset import prepare_dataset
-from swashtwin_bench.studies.runner import fleets, require_rig
+from swashtwin_bench.studies.runner import find_fleets, require_rig
 from swashtwin_bench.studies.scenario import Scenario
 from swashtwin_bench.studies.training_sets import build_twins
 
@@ -151,7 +151,7 @@ def test_a_fleet_of_version_two_lies_under_a_name_of_its_own(
     small = {"small": replace(TINY, duration=1.0)}
     for name in ("rigs.writing", "studies.runner"):
         monkeypatch.setattr(f"swashtwin_bench.{name}.SIZES", small)
-    recordings = fleets(tmp_path, "small", "2", Work())(7)
+    recordings = find_fleets(tmp_path, "small", "2", Work())(7)
     assert (tmp_path / "rig2-small-7" / "recordings.toml").is_file()
     report = inspect_recordings(load_recordings(tmp_path / "rig2-small-7"))
     assert not report.has_errors

@@ -64,14 +64,14 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
         "classifiers=extra_trees",
     )
     words = (*words, "--set", "training_sets=measured,nominal")
-    assert "the same command continues" in one_line(run(*words, code=130))
+    assert "same command continues" in one_line(run(*words, code=130))
     answer = run_json(*words)
     assert len(keys) == 3
     assert {row["training_set"] for row in answer["rows"]} == {"measured", "nominal"}
     assert Path(answer["report"]).is_file()
     assert (tmp_path / "out" / "rig-small-0" / "recordings.toml").is_file()
     again = run(*words)
-    assert "2 of seed 0 done before" in again.stderr
+    assert "2 of seed 0 already finished" in again.stderr
     assert "with nominal twin" in again.stdout
 
 
@@ -95,18 +95,18 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("study", "cas1"), 2, "did you mean case1"),
         (("study", "case1"), 3, "needs a folder"),
         (("study", "case1", "x", "--size", "medium"), 3, "no size 'medium'"),
-        (("study", "ablation"), 2, "no study is called 'ablation'"),
-        (("study", "noise", "x", "--set", "classifiers=guess"), 3, "no model is called 'guess'"),
+        (("study", "ablation"), 2, "unknown study 'ablation'"),
+        (("study", "noise", "x", "--set", "classifiers=guess"), 3, "Unknown classifier 'guess'"),
         (
             ("study", "augmentation", "x", "--set", "values=guess"),
             3,
             "no value of synthetic 'guess'; there are 0, 72,",
         ),
         (("study", "alarms", "--seeds", "x"), 2, "whole numbers"),
-        (("study", "alarms", "--set", "pump=2"), 3, "no setting 'pump'; there are pumps,"),
-        (("study", "alarms", "--set", "pumps=two"), 3, "setting pumps of alarms cannot be 'two'"),
+        (("study", "alarms", "--set", "pump=2"), 3, "no setting 'pump'; its settings are pumps,"),
+        (("study", "alarms", "--set", "pumps=two"), 3, "Invalid pumps 'two' of alarms"),
         (("study", "alarms", "x"), 3, "builds its own"),
-        (("study", "public"), 3, "the folder of the public sets"),
+        (("study", "public"), 3, "the folder of the public data sets"),
         (("study", "paper", "--set", "experiments=guess"), 3, "no experiment guess"),
         (("study", "paper"), 3, "the paper needs a folder"),
         (("study", "paper", "--size", "huge"), 2, "huge"),
@@ -146,7 +146,7 @@ def test_settings_are_read_from_texts_and_from_values() -> None:
     assert (
         read_settings(AlarmStudySettings, {"duration": "0.5", "pumps": 3}, "alarms").duration == 0.5
     )
-    with pytest.raises(InputError, match="no study 'guess'"):
+    with pytest.raises(InputError, match="Unknown study 'guess'"):
         run_study("guess")
-    with pytest.raises(InputError, match="needs a seed"):
+    with pytest.raises(InputError, match="at least one seed"):
         Work(())

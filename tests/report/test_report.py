@@ -290,12 +290,12 @@ def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page):
     rows = re.findall(r'<th scope="row">(L\d, [^<]*)</th>(.*?)</tr>', page, flags=re.DOTALL)
     beside = {name for name, cells in rows if "accuracy 0.812" in cells or "G-mean 0.9748" in cells}
     assert beside == {
-        "L2, BiTCN on levels (ours), measured only",
-        "L2, BiTCN on levels (ours), with calibrated twin",
+        "L2, BiTCN on spectra (ours), measured windows only",
+        "L2, BiTCN on spectra (ours), with calibrated twin",
     }
     ours = [cells for name, cells in rows if name in beside]
     assert all("the paper&#39;s BiTCN: accuracy" in cells for cells in ours)
-    assert "G-means are of another definition" in page
+    assert "G-means have another definition" in page
 
 
 def test_items_of_one_kind_do_not_overwrite_each_other(diagnosis, tmp_path):

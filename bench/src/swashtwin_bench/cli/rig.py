@@ -28,11 +28,11 @@ def demo(
     ] = Path("swashtwin-demo"),
     as_json: Json = False,
 ) -> None:
-    """Diagnose a fault nobody recorded at this pressure: build a virtual rig, calibrate twins,
-    train, write a page.
+    """Diagnose a fault that was never recorded at this pressure, with the help of a twin.
 
-    It leaves a model, the twin of a pump and a diagnosis in its folder, runs Case II of the paper,
-    and ends with three commands to go on with. A few minutes.
+    The demo records pumps on a virtual rig, calibrates twins, trains a model (Case II of the
+    paper), and writes a diagnosis as a page. It takes a few minutes and prints three commands to
+    try next.
     """
     from swashtwin_bench import QUESTION, run_demo, summarize_demo
 
@@ -42,51 +42,64 @@ def demo(
             bar(count, total, activity)
 
         result = run_demo(out, jobs=2, progress=show_activity, command=typed_command())
-    commands = _next_commands(result)
+
+    answer = summarize_demo(result)
+    next_commands = _list_next_commands(result)
 
     def show() -> None:
         print_study(result.study)
         print_text("")
-        for text in (
-            QUESTION,
-            *summarize_demo(result),
-            f"Report: {result.page}",
-            "",
-            "Go on with:",
-        ):
-            print_text(text)
-        for what, command in commands.items():
-            print_text(f"  {command}    ({what})")
+        print_text(QUESTION)
+        for sentence in answer:
+            print_text(sentence)
+        print_text(f"Report: {result.page}")
 
-    answer = {
-        **result.study.to_dict(), "report": result.page, "model": result.model, "twin": result.twin,
-        "question": QUESTION, "demo_answer": summarize_demo(result), "label": result.label,
+        print_text("")
+        print_text("Try next:")
+        for purpose, command in next_commands.items():
+            print_text(f"  {command}    ({purpose})")
+
+    table = {
+        **result.study.to_dict(),
+        "report": result.page,
+        "model": result.model,
+        "twin": result.twin,
+        "question": QUESTION,
+        "demo_answer": answer,
+        "label": result.label,
         "with_twin": [verdict.to_dict() for verdict in result.with_twin],
-        "without_twin": [verdict.to_dict() for verdict in result.without_twin], "next": list(commands.values()),
-    }  # fmt: skip
-    print_result(answer, as_json, show)
+        "without_twin": [verdict.to_dict() for verdict in result.without_twin],
+        "next": list(next_commands.values()),
+    }
+    print_result(table, as_json, show)
 
 
-def _next_commands(demo: "Demo") -> dict[str, str]:
-    """Command lines to go on with, by what they do."""
+def _list_next_commands(demo: "Demo") -> dict[str, str]:
+    """Return command lines to try after the demo, by purpose."""
     out = demo.model.parent
+
     return {
-        "diagnose another recording": _command(
-            "diagnose", demo.model, demo.other, "--report", out / "another.html"
+        "diagnose another recording": _format_command(
+            "diagnose", demo.model, demo.next_recording, "--report", out / "another.html"
         ),
-        f"look at the twin of pump {demo.pump}": _command(
+        f"look at the twin of pump {demo.pump}": _format_command(
             "report", demo.twin, "--out", out / "twin"
         ),
-        "train on recordings; name the folder of your own": _command(
+        "train on the rig's recordings, or on a folder of yours": _format_command(
             "train", demo.rig, "--out", out / "own.safetensors"
         ),
     }
 
 
-def _command(*words: object) -> str:
-    """A command line that every shell understands."""
-    texts = [word.as_posix() if isinstance(word, Path) else str(word) for word in words]
-    return " ".join(["swashtwin", *(f'"{text}"' if " " in text else text for text in texts)])
+def _format_command(*arguments: object) -> str:
+    """Return a command line that can be pasted into every common shell."""
+    parts = ["swashtwin"]
+    for argument in arguments:
+        # Windows shells accept "/" in paths too, and POSIX shells only that.
+        text = argument.as_posix() if isinstance(argument, Path) else str(argument)
+        parts.append(f'"{text}"' if " " in text else text)
+
+    return " ".join(parts)
 
 
 def rig(
@@ -99,25 +112,31 @@ def rig(
         str,
         typer.Option(
             "--rig-version",
-            help="1, 2 which shares less with the twin, 3 of another maker, or 1-deep, 2-deep with the paper's recess.",
+            help="1; 2, which shares less with the twin; 3, a pump of another maker; 1-deep or "
+            "2-deep, with the recess of the paper.",
         ),
     ] = "1",
     sensor_count: Annotated[
         int,
         typer.Option(
-            help="Accelerometers: 3, or 13 as the paper has, where pump 25scy14-1b-13 says; version 1 only."
+            help="Number of accelerometers: 3, or 13 as in the paper (version 1 only, at the "
+            "positions of pump 25scy14-1b-13)."
         ),
     ] = 3,
     as_json: Json = False,
 ) -> None:
-    """Write recordings of a virtual rig, which stands in for a machine, and an index of them."""
+    """Record pumps on a virtual rig (a simulation), and write the recordings and their index."""
     from swashtwin_bench import build_rig
 
     with progress("recording") as bar:
         index_file = build_rig(
             out, seed=seed, size=size, version=version, sensors=sensor_count, progress=bar
         )
+
     result = {"index": index_file, "seed": seed, "size": size, "rig_version": version}
-    print_result(
-        result, as_json, lambda: print_text(f"{index_file}\nNext: swashtwin inspect {out}")
-    )
+
+    def show() -> None:
+        print_text(str(index_file))
+        print_text(f"Next: {_format_command('inspect', out)}")
+
+    print_result(result, as_json, show)

@@ -27,37 +27,53 @@ if TYPE_CHECKING:
     from swashtwin_bench import StudyTable, Work
 
 STUDIES = {
-    "paper": "every experiment of the paper by its own recipe, on one page of its figures beside ours; "
-    "experiments=case1,noise takes some",
-    "case1": "few samples: what a twin adds where one class has few measured windows",
-    "case2": "missing condition: a cell without any measured window, which twins fill",
-    "algorithms": "every network and baseline on Case I's calibrated training set",
-    "noise": "noise, gains and speeds in the tests, trained clean and with noise",
-    "augmentation": "every filler of the scarce cell, by the number of synthetic windows",
-    "fair-test": "calibrated twins with the law of the recess against nominal ones (docs/bench/fair-test.md)",
-    "alarms": "false alarms on healthy pumps that drift, severity and delay where faults grow",
-    "detector": "false alarms and faults caught from healthy recordings alone, with two odd ones among twenty",
-    "calibration": "errors on recordings held out, coverage and cost of every way to calibrate",
-    "severity": "severity by inversion against the hidden truth, by fault and dimension",
-    "wrong-twins": "wrong twins and odd truths: do values called identified hold, and is one warned?",
-    "zero-shot": "the pump prior, which learned from twins alone, tested on measured faults",
-    "public": "public sets on honest splits by the ordinary training; SOURCE holds a folder of each",
-    "run-to-failure": "when the alarm comes in the life of bearings run until they failed; SOURCE holds the set",
+    "paper": "all experiments of the paper by its own recipe, with its figures for comparison; "
+    "experiments=case1,noise selects some",
+    "case1": "few samples: benefit of a twin if one class has few measured windows",
+    "case2": "missing operating point: a twin fills a cell that has no measured window",
+    "algorithms": "all networks and baselines on the calibrated training set of Case I",
+    "noise": "tests with noise, changed gains and changed speeds; training with and without noise",
+    "augmentation": "all methods that fill the scarce cell, by number of synthetic windows",
+    "fair-test": "calibrated twins with the law of the recess against nominal twins "
+    "(docs/bench/fair-test.md)",
+    "alarms": "false alarms on healthy pumps that drift; severity and delay of growing faults",
+    "detector": "false alarms and detected faults of a detector trained on healthy recordings, "
+    "two of twenty contaminated",
+    "calibration": "errors on held-out recordings, coverage and cost of each calibration method",
+    "severity": "severity by inversion against the true dimensions, by fault and dimension",
+    "wrong-twins": "wrong twins and unusual pumps: do identified values hold, and is there a "
+    "warning?",
+    "zero-shot": "the pump prior, trained on simulations only, tested on measured faults",
+    "public": "public data sets on honest splits with the default training; SOURCE is their folder",
+    "run-to-failure": "time of the alarm in the life of bearings run to failure; SOURCE is the "
+    "folder of the data set",
 }
 """Question of each study, by its name."""
 
 
-def _known(name: str) -> str:
+def _require_study(name: str) -> str:
     if name not in STUDIES:
-        near = difflib.get_close_matches(name, STUDIES, n=1, cutoff=0.3)
-        hint = f"did you mean {near[0]}? There" if near else "there"
-        raise typer.BadParameter(f"no study is called {name!r}; {hint} are {', '.join(STUDIES)}.")
+        suggestions = difflib.get_close_matches(name, STUDIES, n=1, cutoff=0.3)
+        hint = f"did you mean {suggestions[0]}? " if suggestions else ""
+        raise typer.BadParameter(
+            f"unknown study {name!r}: {hint}Must be one of {', '.join(STUDIES)}."
+        )
     return name
 
 
+def _warn_of_slow_bfloat16() -> None:
+    if not _has_bfloat16_arithmetic():
+        print_note(
+            "This processor has no instructions for 16 bits: training with bfloat16 is many times "
+            "slower here than float32."
+        )
+
+
 def _has_bfloat16_arithmetic() -> bool:
-    """Whether the processor may have instructions for bfloat16: no x86 up to AVX2 has, nor the
-    first with AVX-512, which torch does not tell.
+    """Return whether the processor may have instructions for bfloat16.
+
+    No x86 processor up to AVX2 has them. Of those with AVX-512 only the later ones do, which torch
+    does not report.
     """
     import torch
 
@@ -65,7 +81,7 @@ def _has_bfloat16_arithmetic() -> bool:
 
 
 class Size(StrEnum):
-    """Counts and epochs of a study."""
+    """Numbers of windows and epochs of a study."""
 
     quick = "quick"
     medium = "medium"
@@ -73,7 +89,7 @@ class Size(StrEnum):
 
 
 class Device(StrEnum):
-    """Where networks are trained."""
+    """Device on which networks are trained."""
 
     cpu = "cpu"
     cuda = "cuda"
@@ -83,78 +99,80 @@ def study(
     name: Annotated[
         str,
         typer.Argument(
-            callback=_known,
+            callback=_require_study,
             autocompletion=lambda: list(STUDIES),
-            help="\n\n".join(f"{name}: {text}" for name, text in STUDIES.items()),
+            help="\n\n".join(f"{name}: {question}" for name, question in STUDIES.items()),
         ),
     ],
     source: Annotated[
         Path | None,
         typer.Argument(
             metavar="[SOURCE]",
-            help="Index, store or folder of recordings; without it, the virtual rig.",
+            help="Index, store or folder of recordings. Default: the virtual rig.",
         ),
     ] = None,
     size: Annotated[
         Size,
         typer.Option(
-            help="quick: minutes of two cores; medium: the paper's counts, 30 epochs, its network on patches, "
-            "hours; paper: 200 epochs, every sample a step, weeks of a CPU."
+            help="quick: minutes on two cores; medium: window counts of the paper, 30 epochs, "
+            "its network on patches, hours; paper: 200 epochs, its network on every sample, weeks."
         ),
     ] = Size.quick,
     seeds: Annotated[
-        str, typer.Option(help='Seeds; on the virtual rig a fleet each: "100,101".')
+        str,
+        typer.Option(help='Seeds, such as "100,101". On the virtual rig each is another fleet.'),
     ] = "0",
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
-            help='What is set of the study, NAME=VALUE: "classifiers=bitcn,tcn"; repeatable.',
+            help='Setting of the study, NAME=VALUE, such as "classifiers=bitcn,tcn"; repeatable.',
         ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of fleets and finished runs, which a re-run continues, and of STUDY/report.html.",
+            help="Folder for fleets, finished runs and STUDY/report.html. A later run with the "
+            "same folder continues.",
             callback=require_folder,
         ),
     ] = None,
     jobs: Jobs = 2,
-    device: Annotated[Device, typer.Option(help="Where networks are trained.")] = Device.cpu,
+    device: Annotated[
+        Device, typer.Option(help="Device on which networks are trained.")
+    ] = Device.cpu,
     as_json: Json = False,
 ) -> None:
-    """Run a study: one question, its table, its answer and a page."""
+    """Run a study, and print its table and its answer."""
     from swashtwin_bench import Work, run_study, write_study_report
 
-    numbers, pairs = read_list(seeds, int, "--seeds") or [], read_pairs(settings, "--set")
-    if (
-        pairs.get("precision") == "bfloat16"
-        and device is Device.cpu
-        and not _has_bfloat16_arithmetic()
-    ):
-        print_note(
-            "This processor has no instructions for 16 bits: bfloat16 trains many times slower here than float32."
-        )
+    seed_list = read_list(seeds, int, "--seeds") or []
+    values = read_pairs(settings, "--set")
+
+    if values.get("precision") == "bfloat16" and device is Device.cpu:
+        _warn_of_slow_bfloat16()
+
     with progress(name) as bar:
 
         def show_activity(activity: str, count: int, total: int) -> None:
-            if activity.endswith("done before"):
+            if activity.endswith("already finished"):
                 print_note(f"{activity}, in {out}")
             bar(count, total, f"{name}: {activity}")
 
-        work = Work(numbers, jobs, out, show_activity, device.value, typed_command())
+        work = Work(seed_list, jobs, out, show_activity, device.value, typed_command())
         if name == "paper":
-            answer = _run_paper(work, size.value, pairs, source)
+            answer = _run_paper(work, size.value, values, source)
         else:
-            result = run_study(name, source, work=work, size=size.value, settings=pairs)
+            result = run_study(name, source, work=work, size=size.value, settings=values)
+
     if name == "paper":
-        print_result(
-            answer,
-            as_json,
-            lambda: print_text("\n".join([*answer["answer"], f"Report: {answer['report']}"])),
-        )
+        lines = [*answer["answer"], f"Report: {answer['report']}"]
+        print_result(answer, as_json, lambda: print_text("\n".join(lines)))
         return
-    page = None if out is None else write_study_report(result, folder=out / result.study)
+
+    page = None
+    if out is not None:
+        page = write_study_report(result, folder=out / result.study)
 
     def show() -> None:
         print_study(result)
@@ -167,46 +185,51 @@ def study(
 def _run_paper(
     work: "Work", size: str, settings: dict[str, str], source: Path | None
 ) -> dict[str, Any]:
-    """Every experiment of the paper, or those of the setting ``experiments``, and the page of
-    them.
-    """
+    """Run the experiments of the paper (all, or those of the setting ``experiments``)."""
     from swashtwin_bench import EXPERIMENTS, paper_answer, run_paper, write_paper_page
 
     experiments = split_names(settings.pop("experiments", None)) or list(EXPERIMENTS)
     results = run_paper(work, size=size, experiments=experiments, settings=settings, source=source)
-    assert work.out is not None
-    page = write_paper_page(results, size, work.out / "paper")
-    studies = [study.to_dict() for study in results.values()]
-    return {"report": page, "size": size, "answer": list(paper_answer(results)), "studies": studies}
+
+    assert work.out is not None  # `run_paper` requires it
+    return {
+        "report": write_paper_page(results, size, work.out / "paper"),
+        "size": size,
+        "answer": list(paper_answer(results)),
+        "studies": [study.to_dict() for study in results.values()],
+    }
 
 
 def typed_command() -> str:
-    """The command line as it was typed, for a result to record."""
+    """Return the command line as it was typed, which results record."""
     return shlex.join(["swashtwin", *sys.argv[1:]])
 
 
 def print_study(study: "StudyTable") -> None:
-    """Print a study as a table with its answer and its notes."""
+    """Print a study as a table, its answer and its notes."""
+    # The recall of each class is in the JSON and on the page; the terminal is too narrow.
     metrics = {
-        name: words for name, words in study.metrics.items() if not name.startswith("recall_")
+        name: heading for name, heading in study.metrics.items() if not name.startswith("recall_")
     }
-
-    def spread(value: dict[str, Any]) -> str:
-        if value["mean"] is None:
-            return "-"
-        return f"{value['mean']:.3f}" + ("" if value["std"] is None else f" ± {value['std']:.3f}")
 
     rows = []
     for row in study.rows():
-        count = max(len(value["values"]) for value in row.values() if isinstance(value, dict))
-        rows.append(
-            [
-                *(row[name] for name in study.factors),
-                count,
-                *(spread(row[name]) for name in metrics),
-            ]
-        )
+        factors = [row[name] for name in study.factors]
+        scores = [_format_score(row[name]) for name in metrics]
+        n_seeds = max(len(value["values"]) for value in row.values() if isinstance(value, dict))
+        rows.append([*factors, n_seeds, *scores])
+
     title = f"{study.title}; seed {', '.join(map(str, study.seeds))}, {study.wall_s:.0f} s"
     print_table(title, (*study.factors, "seeds", *metrics.values()), rows)
+
     for text in (*study.answer, *study.notes, study.origin):
         print_text(text)
+
+
+def _format_score(score: dict[str, Any]) -> str:
+    """Return mean and standard deviation over the seeds as text."""
+    if score["mean"] is None:
+        return "-"
+    if score["std"] is None:
+        return f"{score['mean']:.3f}"
+    return f"{score['mean']:.3f} ± {score['std']:.3f}"

@@ -1,6 +1,4 @@
-"""``swashtwin watch demo``: a pump of the virtual rig that wears over weeks, watched in some
-minutes.
-"""
+"""The command watch demo: watch a pump of the virtual rig whose pistons wear over weeks."""
 
 import itertools
 import os
@@ -16,13 +14,25 @@ import typer
 from swashtwin.cli import Json, print_note, print_result, print_text, require_folder
 
 if TYPE_CHECKING:
-    from swashtwin.monitoring import Outcome
+    from swashtwin.monitoring import Outcome, WatchConfig
     from swashtwin.recordings import Recording
 
-RECORDINGS, ONSET, PER_DAY, LEARNING = 90, 36, 3, 20
+RECORDINGS = 90
+"""Recordings of the month."""
 
-# First recordings that the twin is calibrated on.
-_CALIBRATED = 6
+RECORDINGS_PER_DAY = 3
+"""Recordings of a day."""
+
+ONSET = 36
+"""Number of healthy recordings before the pistons begin to wear."""
+
+BASELINE_RECORDINGS = 20
+"""Recordings from which the watch learns the baseline."""
+
+CALIBRATION_RECORDINGS = 6
+"""First recordings, on which the twin is calibrated."""
+
+SECONDS_PER_DAY = 86400
 
 _CONFIG = f"""\
 # What swashtwin watch demo watches: a pump of the virtual rig whose pistons wear.
@@ -40,7 +50,7 @@ settle_time = "0.2 s"
 remove = true
 
 [alarms]
-baseline_recordings = {LEARNING}
+baseline_recordings = {BASELINE_RECORDINGS}
 
 [[channel]]
 kind = "log"
@@ -60,91 +70,120 @@ def demo(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Watch a pump of the virtual rig that wears over a month, in some minutes: page, alarm,
-    suspect and severity.
+    """Watch a pump of the virtual rig whose pistons wear: a month of recordings in minutes.
+
+    The page shows the alarm, the suspected fault and its severity.
     """
-    from swashtwin.calibration import calibrate
     from swashtwin.cli import require_extra, stop_signals
-    from swashtwin.foundation import InputError, write_text
-    from swashtwin.monitoring import PageSettings, load_watch_config, run_watch, serving_page
-    from swashtwin_bench import PlantCourse, plant_course
+    from swashtwin.monitoring import run_watch
 
     require_extra()
-    from fastapi import FastAPI
+    config, writer = _prepare_watch(out, port)
 
-    if (out / "watch-data").exists():
-        raise InputError(
-            f"{out} holds an earlier demo; remove it, or name another folder with --out."
-        )
-    with serving_page(FastAPI(), PageSettings().host, port):
-        pass  # a port that is taken is refused here, before minutes of work
-    month = PlantCourse(recordings=RECORDINGS, kind="piston", onset=ONSET)
-    course = (recording for recording, _ in plant_course(0, "A", month, batch=3))
-    first = list(itertools.islice(course, _CALIBRATED))
-    print_note(
-        f"Calibrating the pump's twin on its first {_CALIBRATED} recordings, for the severity."
-    )
-    out.mkdir(parents=True, exist_ok=True)
-    calibrate("25scy14-1b", first).save(out / "calibration.json")
-    config = load_watch_config(write_text(out / "watch.toml", _CONFIG.replace("PORT", str(port))))
-    incoming = config.path.parent / "incoming"
-    writer = threading.Thread(
-        target=_write, args=(itertools.chain(first, course), incoming), daemon=True
-    )
     alarms: list[int] = []
-    counts = {"judged": 0}
+    n_assessed = 0
 
     def start(address: str | None) -> None:
-        print_note(f"The page is at {address}. Weeks pass in minutes; Ctrl-C ends.")
+        print_note(f"The page is at {address}. A month passes in minutes. Stop with Ctrl-C.")
         if address is not None and not end:
             webbrowser.open(address)
         writer.start()
 
     def show(outcome: "Outcome") -> None:
-        counts["judged"] += 1
-        number = counts["judged"]
+        nonlocal n_assessed
+        n_assessed += 1
         if outcome.state == "alarm" and not alarms:
-            alarms.append(number)
-        day = f"day {(number - 1) // PER_DAY + 1}"
-        (print_note if as_json else print_text)(f"{day}, {outcome.file}: {outcome.sentence}")
-        if number == RECORDINGS:
-            finished(stop)
+            alarms.append(n_assessed)
 
-    def finished(stop: threading.Event) -> None:
+        day = (n_assessed - 1) // RECORDINGS_PER_DAY + 1
+        text = f"day {day}, {outcome.file}: {outcome.sentence}"
+        if as_json:
+            print_note(text)  # standard output is for the JSON alone
+        else:
+            print_text(text)
+
+        if n_assessed == RECORDINGS:
+            finish()
+
+    def finish() -> None:
         if end:
             stop.set()
-        else:
-            print_note(
-                "All recordings are judged; the page stays until Ctrl-C. What was found beside the suspect: swashtwin "
-                f"watch event {config.path} rig-pump --found 'worn pistons'"
-            )
+            return
+        print_note(
+            "All recordings are assessed. The page stays until Ctrl-C. To record what an "
+            f"inspection finds: swashtwin watch event {config.path} rig-pump --found 'worn pistons'"
+        )
 
     with stop_signals() as stop:
         run_watch(config, stop=stop, started=start, progress=show)
+
+    def show_result() -> None:
+        alarm = f"Alarm at recording {alarms[0]}" if alarms else "No alarm yet"
+        print_text(f"{alarm}; the pistons wear from recording {ONSET + 1} on. Folder: {out}")
+
     result = {
         "folder": out,
-        "judged": counts["judged"],
+        "judged": n_assessed,
         "onset": ONSET,
         "alarm": alarms[0] if alarms else None,
     }
-    words = f"alarm at recording {alarms[0]}, " if alarms else "no alarm yet; "
-    print_result(
-        result,
-        as_json,
-        lambda: print_text(
-            f"{words}the pistons wear from recording {ONSET + 1} on. Everything is in {out}."
-        ),
+    print_result(result, as_json, show_result)
+
+
+def _prepare_watch(out: Path, port: int) -> "tuple[WatchConfig, threading.Thread]":
+    """Calibrate the twin and write the configuration.
+
+    Returns
+    -------
+    The configuration, and a thread that is yet to be started and writes the recordings.
+    """
+    from fastapi import FastAPI
+
+    from swashtwin.calibration import calibrate
+    from swashtwin.foundation import InputError, write_text
+    from swashtwin.monitoring import PageSettings, load_watch_config, serving_page
+    from swashtwin_bench import PlantCourse, plant_course
+
+    if (out / "watch-data").exists():
+        raise InputError(
+            f"{out} contains an earlier demo: delete it, or choose another folder with --out."
+        )
+    with serving_page(FastAPI(), PageSettings().host, port):
+        pass  # refuses a port that is in use here, before minutes of work
+
+    month = PlantCourse(recordings=RECORDINGS, kind="piston", onset=ONSET)
+    recordings = (recording for recording, _ in plant_course(0, "A", month, batch=3))
+    first_recordings = list(itertools.islice(recordings, CALIBRATION_RECORDINGS))
+
+    print_note(
+        f"Calibrating the twin of the pump on its first {CALIBRATION_RECORDINGS} recordings, to "
+        "estimate the severity later."
     )
+    out.mkdir(parents=True, exist_ok=True)
+    calibrate("25scy14-1b", first_recordings).save(out / "calibration.json")
+    config_text = _CONFIG.replace("PORT", str(port))
+    config = load_watch_config(write_text(out / "watch.toml", config_text))
+
+    writer = threading.Thread(
+        target=_write_month,
+        args=(itertools.chain(first_recordings, recordings), config.path.parent / "incoming"),
+        daemon=True,
+    )
+    return config, writer
 
 
-def _write(recordings: "Iterable[Recording]", folder: Path) -> None:
-    """Write the recordings of a month into the folder that is watched, as fast as they are
-    computed.
+def _write_month(recordings: "Iterable[Recording]", folder: Path) -> None:
+    """Write the recordings into the watched folder as fast as they are computed.
+
+    The times of the files are spread over the month that ends now.
     """
     from swashtwin.recordings import write_recording
 
-    first = time.time() - 86400 * RECORDINGS / PER_DAY
-    for number, recording in enumerate(recordings):
-        path = write_recording(recording.replace(label=None), folder / f".{number + 1:03}.h5")
-        os.utime(path, (first + 86400 * number / PER_DAY,) * 2)
-        path.rename(folder / f"{number + 1:03}.h5")
+    month_start = time.time() - SECONDS_PER_DAY * RECORDINGS / RECORDINGS_PER_DAY
+    for index, recording in enumerate(recordings):
+        # A name with a leading dot is not read by the watch: it sees the file complete, and with
+        # its time, or not at all. Without its label, because a plant does not know it.
+        path = write_recording(recording.replace(label=None), folder / f".{index + 1:03}.h5")
+        recorded_at = month_start + SECONDS_PER_DAY * index / RECORDINGS_PER_DAY
+        os.utime(path, (recorded_at, recorded_at))
+        path.rename(folder / f"{index + 1:03}.h5")

@@ -1,1 +1,1 @@
-"""Generative fillers of scarce cells, for comparison."""
+"""Methods that fill scarce cells, for comparison with twins."""

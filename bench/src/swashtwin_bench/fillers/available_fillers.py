@@ -1,4 +1,4 @@
-"""The fillers that the studies compare, by name."""
+"""The fillers that studies compare, by name."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

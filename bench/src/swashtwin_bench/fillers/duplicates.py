@@ -1,5 +1,6 @@
-"""Copies of measured windows: the controls that every other filler has to beat."""
+"""Copies of measured windows: the controls that other fillers must exceed."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,14 +15,12 @@ from swashtwin_bench.fillers.filler import fill_cell, find_sources
 
 @dataclass(frozen=True)
 class Duplicate:
-    """Random oversampling: measured windows of the cell, drawn with replacement and repeated as
-    they are.
-    """
+    """Random oversampling: unchanged copies of measured windows of the cell."""
 
     def __call__(
         self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int
     ) -> WindowSet:
-        """`count` windows of the cell, each a copy of a measured one (`Filler`)."""
+        """Return `count` copies of measured windows (`Filler`)."""
         sources = draw_sources(train, label, pressure, count, seed)
         return fill_cell(
             train.signal[sources],
@@ -39,22 +38,20 @@ class NoisyDuplicate:
     """Copies of measured windows, each with different white noise."""
 
     snr_db: float = 30.0
-    """Power of the window over that of the noise, per channel [dB]."""
+    """Ratio of the power of the window to that of the noise, per channel [dB]."""
 
     def __call__(
         self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int
     ) -> WindowSet:
-        """`count` windows of the cell, each a copy of a measured one with noise (`Filler`)."""
+        """Return `count` copies of measured windows with noise (`Filler`)."""
         sources = draw_sources(train, label, pressure, count, seed)
-        noise = derive_seed(seed, "noisy duplicate", label)
-        signal = np.stack(
-            [
-                add_noise(train.signal[source].astype(float), self.snr_db, noise, i)
-                for i, source in enumerate(sources)
-            ]
-        )
+        noise_seed = derive_seed(seed, "noisy duplicate", label)
+        noisy = [
+            add_noise(train.signal[source].astype(float), self.snr_db, noise_seed, i)
+            for i, source in enumerate(sources)
+        ]
         return fill_cell(
-            signal,
+            np.stack(noisy),
             sources,
             train=train,
             name="noisy_duplicate",
@@ -67,9 +64,7 @@ class NoisyDuplicate:
 def draw_sources(
     train: WindowSet, label: str, pressure: float, count: int, seed: int
 ) -> np.ndarray:
-    """Index of the measured window that each synthetic one comes from; no window repeats before all
-    were drawn.
-    """
+    """Return the index of the measured window from which each synthetic one is made."""
     require_count(count)
     return draw_indices(find_sources(train, label, pressure), label, count, seed)
 
@@ -77,7 +72,8 @@ def draw_sources(
 def draw_indices(
     sources: Int64[np.ndarray, " source"], label: str, count: int, seed: int
 ) -> Int64[np.ndarray, " window"]:
-    """`count` of `sources` in random order; no window repeats before all were drawn."""
+    """Return `count` of `sources` in random order; none repeats before all were drawn."""
     rng = random_stream(seed, "sources", label)
-    rounds = -(-count // len(sources))
-    return np.concatenate([rng.permutation(sources) for _ in range(rounds)])[:count]
+    n_rounds = math.ceil(count / len(sources))
+    rounds = [rng.permutation(sources) for _ in range(n_rounds)]
+    return np.concatenate(rounds)[:count]

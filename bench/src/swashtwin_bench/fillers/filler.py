@@ -1,6 +1,4 @@
-"""Fillers of scarce cells: the protocol, the measured windows a filler draws from and its
-result.
-"""
+"""Fillers of scarce cells: their protocol, the windows they draw from, and their result."""
 
 import math
 from typing import Protocol, runtime_checkable
@@ -16,70 +14,73 @@ from swashtwin.synthesis import build_windows
 
 @runtime_checkable
 class Filler(Protocol):
-    """Maker of windows for a cell (class and discharge pressure) that has too few measured ones.
+    """A method that makes windows for a cell (class and discharge pressure) with too few of them.
 
-    A filler is fitted on the measured windows of `train` alone, makes windows of their layout and
-    classes, marks them ``synthetic=True``, and gives the same windows for the same seed.
+    A filler is fitted on the measured windows of `train` only. Its windows have their layout and
+    classes, are marked ``synthetic=True``, and are the same for the same seed.
     """
 
     def __call__(
         self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int
     ) -> WindowSet:
-        """`count` synthetic windows of `label` at `pressure`.
+        """Return `count` synthetic windows of `label` at `pressure`.
 
         Parameters
         ----------
         train : training windows with labels; never test windows. Synthetic windows among them are
             ignored.
         label : class of the cell, one of the windows' classes.
-        pressure : discharge pressure of the cell [Pa]; NaN for windows without a stated pressure.
-        count : how many.
-        seed : addresses every draw.
+        pressure : discharge pressure of the cell [Pa]; NaN for windows of unknown pressure.
+        count : number of windows.
+        seed : seed of all draws.
 
         Raises
         ------
         InputError
-            No such class, no such pressure, or no count.
+            The class, the pressure or the count is invalid.
         DataError
-            There are no measured windows to make them from.
+            There are no measured windows of the class.
         """
         ...
 
 
 def in_cell(windows: WindowSet, label: str, pressure: float) -> np.ndarray:
-    """Mask of the measured windows of `label` at `pressure` [Pa], or, for NaN, without a known
-    pressure.
+    """Return the mask of the measured windows of `label` at `pressure` [Pa].
+
+    For NaN it selects the windows of unknown pressure.
     """
-    is_near = values_match(windows.discharge_pressure, pressure, PRESSURE_TOLERANCE)
-    return ~windows.synthetic & (windows.label == label) & is_near
+    is_at_pressure = values_match(windows.discharge_pressure, pressure, PRESSURE_TOLERANCE)
+    return ~windows.synthetic & (windows.label == label) & is_at_pressure
 
 
 def find_sources(train: WindowSet, label: str, pressure: float) -> Int64[np.ndarray, " source"]:
-    """Indices of the measured windows that stand for a cell: those in it, or, where there is none,
-    those of its class.
+    """Return the indices of the measured windows of a cell, or of its class if the cell has none.
 
     Raises
     ------
     InputError
-        No such class, or no such pressure.
+        The class or the pressure is invalid.
     DataError
         No window of the class was measured. Only a twin can fill such a cell.
     """
     if label not in train.classes:
         raise InputError(
-            f"class {label!r} is not among the windows' classes ({', '.join(train.classes)})."
+            f"Class {label!r} is not among the windows' classes ({', '.join(train.classes)})."
         )
     if not (math.isnan(pressure) or 0 < pressure < math.inf):
         raise InputError(
-            f"pressure ({pressure:g} Pa) must be positive; where none is stated, math.nan."
+            f"pressure ({pressure:g} Pa) must be positive, or math.nan if it is unknown."
         )
+
     is_source = in_cell(train, label, pressure)
     if not is_source.any():
         is_source = ~train.synthetic & (train.label == label)
     if not is_source.any():
         raise DataError(
-            f"no measured window of {label} to draw from, at any pressure; a twin can make windows of it (synthesize)."
+            f"There is no measured window of {label} at any pressure to draw from; a twin can "
+            "simulate some (synthesize)."
         )
+
     return np.flatnonzero(is_source)
 
 
@@ -93,9 +94,14 @@ def fill_cell(
     pressure: float,
     seed: int,
 ) -> WindowSet:
-    """`signal` as windows of a cell, made by `name` from the windows `sources` of `train`, whose
-    speed they have.
+    """Return `signal` as windows of a cell.
+
+    Parameters
+    ----------
+    sources : index in `train` of the window from which each was made; its speed is taken over.
+    name : name of the filler.
     """
+    specimens = [f"{name} of {specimen}" for specimen in train.specimen[sources]]
     return build_windows(
         signal,
         like=train,
@@ -103,8 +109,6 @@ def fill_cell(
         label=label,
         pressure=np.full(len(signal), float(pressure)),
         speed=train.speed[sources].astype(float),
-        specimen=np.array(
-            [f"{name} of {specimen}" for specimen in train.specimen[sources]], dtype=np.str_
-        ),
+        specimen=np.array(specimens, dtype=np.str_),
         seed=seed,
     )

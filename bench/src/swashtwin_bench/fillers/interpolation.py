@@ -1,6 +1,7 @@
-"""Points between measured windows: SMOTE and ADASYN."""
+"""Interpolation between measured windows: SMOTE and ADASYN."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from imblearn import over_sampling
@@ -14,44 +15,43 @@ from swashtwin_bench.fillers.filler import fill_cell, find_sources
 
 
 class NoNeighborsError(DataError):
-    """There is nothing between which a point could be put."""
+    """There are no windows to interpolate between."""
 
 
 @dataclass(frozen=True)
 class SMOTE:
-    """Points between a window of the cell and its neighbors (Chawla et al. 2002, DOI
-    10.1613/jair.953).
+    """Interpolation between a window of the cell and its neighbors (Chawla et al. 2002).
 
-    They are put between samples, as most of the field does: the sum of two windows that begin at
-    different angles of the shaft is quieter than either.
+    DOI 10.1613/jair.953. It interpolates between samples, as most of the field does: the mean of
+    two windows that begin at different shaft angles has less power than either.
     """
 
     neighbors: int = 5
-    """How many neighbors of a window are looked at; fewer where the cell has no more."""
+    """Number of neighbors of a window; fewer if the cell is smaller."""
 
     def __call__(
         self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int
     ) -> WindowSet:
-        """`count` windows between measured ones of the cell (`Filler`)."""
+        """Return `count` windows between measured windows of the cell (`Filler`)."""
         return _fill("SMOTE", self.neighbors, train, label, pressure, count, seed)
 
 
 @dataclass(frozen=True)
 class ADASYN:
-    """As `SMOTE`, more where windows of other classes are near (He et al. 2008, DOI
-    10.1109/IJCNN.2008.4633969).
+    """`SMOTE` with more windows near those of other classes (He et al. 2008).
 
-    Where nothing of another class is among the nearest, the neighborhood is doubled until something
-    is, up to the cell's size; ADASYN itself says nothing of that case.
+    DOI 10.1109/IJCNN.2008.4633969. If no window of another class is among the neighbors, the
+    neighborhood is doubled until one is, up to the size of the cell; ADASYN does not define this
+    case.
     """
 
     neighbors: int = 5
-    """How many neighbors of a window are looked at."""
+    """Number of neighbors of a window."""
 
     def __call__(
         self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int
     ) -> WindowSet:
-        """`count` windows between measured ones of the cell (`Filler`)."""
+        """Return `count` windows between measured windows of the cell (`Filler`)."""
         return _fill("ADASYN", self.neighbors, train, label, pressure, count, seed)
 
 
@@ -60,19 +60,24 @@ def _fill(
 ) -> WindowSet:
     require_count(count)
     sources = find_sources(train, label, pressure)
-    others = np.flatnonzero(~train.synthetic & (train.label != label))
     if len(sources) < 2:
         raise NoNeighborsError(
-            f"{name} puts points between windows, and of {label} there is one; give it two."
+            f"{name} interpolates between windows, and of {label} there is one: it needs two."
         )
-    others = others if name == "ADASYN" else others[:1]  # SMOTE does not look at them
-    considered = np.concatenate([sources, others])
-    flat = train.signal[considered].reshape(len(considered), -1)
-    points = _between(name, flat, len(sources), count, neighbors, derive_seed(seed, name, label))
-    nearest = cdist(points, flat[: len(sources)]).argmin(axis=1)
-    signal = points.reshape(count, *train.signal.shape[1:])
+
+    rivals = np.flatnonzero(~train.synthetic & (train.label != label))
+    if name == "SMOTE":
+        rivals = rivals[:1]  # SMOTE ignores them; the library needs a second class
+    candidates = np.concatenate([sources, rivals])
+    points = train.signal[candidates].reshape(len(candidates), -1)
+    synthetic = _interpolate(
+        name, points, len(sources), count, neighbors, derive_seed(seed, name, label)
+    )
+
+    # The nearest measured window provides the facts of a synthetic one.
+    nearest = cdist(synthetic, points[: len(sources)]).argmin(axis=1)
     return fill_cell(
-        signal,
+        synthetic.reshape(count, *train.signal.shape[1:]),
         sources[nearest],
         train=train,
         name=name.lower(),
@@ -82,34 +87,47 @@ def _fill(
     )
 
 
-def _between(
+def _interpolate(
     name: str,
     points: Float[np.ndarray, "window value"],
-    pool: int,
+    n_sources: int,
     count: int,
     neighbors: int,
     seed: int,
 ) -> Float[np.ndarray, "synthetic value"]:
-    """`count` points between the first `pool` of `points`; the others are of other classes."""
-    target = (np.arange(len(points)) < pool).astype(int)
-    if len(points) == pool:  # the library wants a second class
-        points, target = np.concatenate([points, points[:1]]), np.append(target, 0)
-    counts = {
-        1: pool + count + (pool if name == "ADASYN" else 0)
-    }  # ADASYN rounds the share of each window
-    neighborhood = min(neighbors, pool - 1)
+    """Return `count` points between the first `n_sources` of `points`.
+
+    The other points are of other classes.
+    """
+    target = (np.arange(len(points)) < n_sources).astype(int)
+    if len(points) == n_sources:  # the library needs a second class
+        points = np.concatenate([points, points[:1]])
+        target = np.append(target, 0)
+
+    n_total = n_sources + count
+    if name == "ADASYN":
+        # It rounds the share of each window, and so may make fewer; the surplus is dropped below.
+        n_total += n_sources
+
+    n_neighbors = min(neighbors, n_sources - 1)
     while True:
-        option = {"k_neighbors": neighborhood} if name == "SMOTE" else {"n_neighbors": neighborhood}
-        sampler = getattr(over_sampling, name)(
-            sampling_strategy=counts, random_state=seed % 2**32, **option
-        )
+        sampler = _build_sampler(name, n_neighbors, n_total, seed)
         try:
-            synthetic = sampler.fit_resample(points, target)[0][len(points) :]
+            resampled = sampler.fit_resample(points, target)[0]
             break
-        except RuntimeError as cause:  # ADASYN: no window of another class is near
-            if neighborhood == pool - 1:
+        except RuntimeError as cause:  # ADASYN: no window of another class is a neighbor
+            if n_neighbors == n_sources - 1:
                 raise NoNeighborsError(
-                    f"{name} finds no window of another class near the {pool} of the cell."
+                    f"{name} finds no window of another class near the {n_sources} of the cell."
                 ) from cause
-            neighborhood = min(2 * neighborhood, pool - 1)
+            n_neighbors = min(2 * n_neighbors, n_sources - 1)
+
+    synthetic = resampled[len(points) :]
     return synthetic[random_stream(seed, "kept").permutation(len(synthetic))[:count]]
+
+
+def _build_sampler(name: str, n_neighbors: int, n_total: int, seed: int) -> Any:
+    common = {"sampling_strategy": {1: n_total}, "random_state": seed % 2**32}
+    if name == "SMOTE":
+        return over_sampling.SMOTE(k_neighbors=n_neighbors, **common)
+    return over_sampling.ADASYN(n_neighbors=n_neighbors, **common)

@@ -1,8 +1,7 @@
-"""Spectra of windows as periodic signals of whole revolutions: amplitudes that a model can replace,
-phases as measured.
+"""Spectra of windows as periodic signals: amplitudes that a model can replace, measured phases.
 
-A periodic extension has no step where its end meets its beginning. The lines of its spectrum do not
-leak into each other, so that one can be changed without the others.
+A periodic extension covers whole revolutions and has no step between its end and its beginning. The
+lines of its spectrum do not leak into each other, so one can be changed without the others.
 """
 
 import math
@@ -18,37 +17,46 @@ from swashtwin.foundation import derive_seed
 from swashtwin.learning import WindowSet
 from swashtwin.signals import inverse_transform, transform
 
-# Least share of a window that is used for the seam of its extension.
-_SEAM = 0.05
+# Minimum share of a window for the seam of its extension.
+_MIN_SEAM = 0.05
 
-# Greatest share of an extension that the seam takes.
-_LONGEST_SEAM = 0.2
+# Maximum share of an extension for the seam, which blends two revolutions.
+_MAX_SEAM = 0.2
+
+# Share of a window that an extension covers if it has no whole revolution.
+_DEFAULT_SHARE = 0.9
+
+# Amplitudes are not below this share of the largest: their logarithm stays finite.
+_AMPLITUDE_FLOOR = 1e-5
 
 
 def extension_length(windows: WindowSet, index: int) -> int:
-    """Samples in a period of a window's extension: the whole revolutions that leave 5 % of the
-    window for the seam.
+    """Return the samples of a window's extension: the whole revolutions in 95 % of the window.
 
-    It is 90 % of the window where no speed is known or the window is shorter than a revolution: the
-    seam then joins parts that do not follow each other, still without a step.
+    It is 90 % of the window if the speed is unknown or the window is shorter than a revolution. The
+    seam then joins parts of the signal that do not follow each other, still without a step.
     """
     speed = float(windows.speed[index])
-    period = 2 * math.pi / speed * windows.sample_rate if speed > 0 else math.inf
-    turns = math.floor((1 - _SEAM) * windows.length / period)
-    return round(turns * period) if turns else round(0.9 * windows.length)
+    n_revolutions = 0
+    if speed > 0:
+        period = 2 * math.pi / speed * windows.sample_rate
+        n_revolutions = math.floor((1 - _MIN_SEAM) * windows.length / period)
+
+    if n_revolutions == 0:
+        return round(_DEFAULT_SHARE * windows.length)
+    return round(n_revolutions * period)
 
 
 def close_period(
     window: Float[np.ndarray, "channel time"], length: int
 ) -> Float[np.ndarray, "channel angle"]:
-    """The first `length` samples of a window, their beginning blended with the samples that follow
-    their end.
+    """Return the first `length` samples of a window, blended so that they repeat without a step.
 
-    The samples beyond `length` belong to the same angles of the shaft as the first ones, which they
-    fade into: the period repeats without a step.
+    The samples beyond `length` belong to the same shaft angles as the first ones, and fade into
+    them.
     """
     extension = window[..., :length].astype(float)
-    seam = min(window.shape[-1] - length, int(_LONGEST_SEAM * length))
+    seam = min(window.shape[-1] - length, int(_MAX_SEAM * length))
     fading = (1 + np.cos(np.pi * np.arange(seam) / seam)) / 2
     extension[..., :seam] += fading * (window[..., length : length + seam] - extension[..., :seam])
     return extension
@@ -57,15 +65,21 @@ def close_period(
 def periodic_extensions(
     windows: WindowSet, indices: Int[np.ndarray, " index"], length: int
 ) -> Float[np.ndarray, "index channel angle"]:
-    """Periodic extensions of the windows at `indices`, each resampled to `length` samples."""
-    return np.stack([_with_length(close_period(windows.signal[i], extension_length(windows, i)), length)
-                     for i in indices.tolist()])  # fmt: skip
+    """Return periodic extensions of the windows at `indices`, resampled to `length` samples."""
+    extensions = []
+    for index in indices.tolist():
+        extension = close_period(windows.signal[index], extension_length(windows, index))
+        extensions.append(_resample(extension, length))
+
+    return np.stack(extensions)
 
 
-def _with_length(
+def _resample(
     extension: Float[np.ndarray, "channel angle"], length: int
 ) -> Float[np.ndarray, "channel {length}"]:
-    return extension if extension.shape[-1] == length else resample(extension, length, axis=-1)
+    if extension.shape[-1] == length:
+        return extension
+    return resample(extension, length, axis=-1)
 
 
 def cut_extensions(
@@ -74,36 +88,38 @@ def cut_extensions(
     sources: Int[np.ndarray, " window"],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "window channel time"]:
-    """One window of each periodic extension, from a random angle.
+    """Cut one window of each periodic extension, from a random angle.
 
     Parameters
     ----------
-    like : windows whose length is taken.
-    sources : index of the window that each extension is of, whose speed it has.
+    like : windows that specify the length.
+    sources : index in `like` of the window of each extension, which has its speed.
     """
     signal = np.empty((len(extensions), like.n_channels, like.length))
     for i, source in enumerate(sources.tolist()):
         length = extension_length(like, source)
         angles = (rng.integers(length) + np.arange(like.length)) % length
-        signal[i] = _with_length(extensions[i], length)[..., angles]
+        signal[i] = _resample(extensions[i], length)[..., angles]
+
     return signal
 
 
 def log_amplitude(
     signal: Float[np.ndarray, "window channel angle"],
 ) -> Float64[np.ndarray, "window value"]:
-    """Natural logarithm of the amplitudes of each window's spectrum, channel after channel in one
-    row.
-    """
+    """Return the natural logarithm of the amplitudes of each window, channel after channel."""
     amplitude = np.abs(transform(signal.astype(float))).reshape(len(signal), -1)
-    return np.log(np.maximum(amplitude, 1e-5 * amplitude.max()))
+    return np.log(np.maximum(amplitude, _AMPLITUDE_FLOOR * amplitude.max()))
 
 
 def with_amplitude(
     signal: Float[np.ndarray, "window channel angle"], amplitude: Float[np.ndarray, "window value"]
 ) -> Float[np.ndarray, "window channel angle"]:
-    """`signal` with other amplitudes, whose logarithms stand as `log_amplitude` gives them, and
-    with its own phases.
+    """Return `signal` with other amplitudes and its phases.
+
+    Parameters
+    ----------
+    amplitude : natural logarithm, in the layout of `log_amplitude`.
     """
     phase = np.angle(transform(signal.astype(float)))
     spectrum = np.exp(amplitude.reshape(phase.shape) + 1j * phase)
@@ -112,17 +128,17 @@ def with_amplitude(
 
 @dataclass(frozen=True, eq=False)
 class SpectralForm:
-    """Model of the logarithms of windows' amplitudes by few numbers.
+    """Model of the logarithmic amplitudes of windows by few numbers, the scores.
 
-    A regression gives what class and pressure add to every line; principal components describe the
-    residual. Few numbers, the scores, stand for a window, so that a generative model of them is
-    small. The rest of its spectrum is noise from line to line.
+    A regression describes the effect of class and pressure on each line, principal components the
+    residual. A generative model of the scores is small. The rest of the spectrum is noise that
+    differs from line to line.
     """
 
     length: int
     """Samples of each extension."""
     expected: LinearRegression
-    """Logarithm of the amplitude at each line of each channel, from the condition."""
+    """Regression of the logarithmic amplitude of each line and channel on the condition."""
     components: Float64[np.ndarray, "component value"]
     """Principal components of the residual, of unit length."""
     deviation: Float64[np.ndarray, " component"]
@@ -136,9 +152,7 @@ class SpectralForm:
         count: int,
         seed: int,
     ) -> "SpectralForm":
-        """The form of training windows with `count` components, or as many as their number
-        allows.
-        """
+        """Fit the form on training windows, with `count` components or fewer for few windows."""
         points = log_amplitude(extensions)
         expected = LinearRegression().fit(condition, points)
         residual = points - expected.predict(condition)
@@ -153,14 +167,12 @@ class SpectralForm:
         extensions: Float[np.ndarray, "window channel angle"],
         condition: Float[np.ndarray, "window fact"],
     ) -> Float64[np.ndarray, "window component"]:
-        """Scores of windows measured under `condition`, of unit variance over the training
-        windows.
+        """Return the scores of windows measured under `condition`.
+
+        Their variance over the training windows is 1.
         """
-        return (
-            (log_amplitude(extensions) - self.expected.predict(condition))
-            @ self.components.T
-            / self.deviation
-        )
+        residual = log_amplitude(extensions) - self.expected.predict(condition)
+        return residual @ self.components.T / self.deviation
 
     def rebuild(
         self,
@@ -169,12 +181,12 @@ class SpectralForm:
         extensions: Float[np.ndarray, "window channel angle"],
         condition: Float[np.ndarray, "window fact"],
     ) -> Float[np.ndarray, "window channel angle"]:
-        """Extensions of other scores under `new_condition`, with the phases and the noise of
-        `extensions`.
+        """Return extensions with these scores under `new_condition`.
 
         Parameters
         ----------
-        condition : under which `extensions` were measured.
+        extensions : measured extensions, whose phases and noise are kept.
+        condition : condition of `extensions`.
         """
         change = (scores - self.scores(extensions, condition)) * self.deviation @ self.components
         change += self.expected.predict(new_condition) - self.expected.predict(condition)

@@ -34,9 +34,9 @@ from swashtwin_bench.results.table import StudyTable
 from swashtwin_bench.rigs.writing import RIG_VERSION
 from swashtwin_bench.studies import plans
 from swashtwin_bench.studies.plan import PlanSettings
-from swashtwin_bench.studies.plans import MAIN, PAPER, build_plan
+from swashtwin_bench.studies.plans import PAPER, PAPER_NETWORK, build_plan
 from swashtwin_bench.studies.registry import read_settings
-from swashtwin_bench.studies.runner import fleets, run_plan
+from swashtwin_bench.studies.runner import find_fleets, run_plan
 
 EXPERIMENTS: Mapping[str, str] = MappingProxyType(
     {
@@ -145,7 +145,9 @@ def run_paper(
     )
 
     def fleet(version: str) -> Callable[[int], Sequence[Recording]]:
-        return fleets(folder, rig, version, work) if recordings is None else lambda _: recordings
+        return (
+            find_fleets(folder, rig, version, work) if recordings is None else lambda _: recordings
+        )
 
     results: dict[str, StudyTable] = {}
     for name in (name for name in EXPERIMENTS if name in experiments):
@@ -181,7 +183,7 @@ def _result(study: StudyTable) -> str:
     """
     if not isinstance(study, StudyResult):
         return study.answer[0]
-    rows = [row for row in study.rows() if row["classifier"] == MAIN]
+    rows = [row for row in study.rows() if row["classifier"] == PAPER_NETWORK]
     of_paper = [row for row in rows if row["split"] == "L2" and format_reported(study.study, row)]
     if not of_paper:
         return "the paper prints no figure of what was run."
@@ -242,15 +244,15 @@ def convergence_sentence(study: StudyResult) -> str:
     first by both.
     """
     means = convergence(study)
-    if MAIN not in means:
+    if PAPER_NETWORK not in means:
         return "Convergence: no fleet has a training of every network yet."
     listed = "; ".join(
         f"{format_factor('classifier', name)} {format_number(epochs)} epochs and "
         f"{format_number(seconds)} s"
         for name, (epochs, seconds) in means.items()
     )
-    others = [pair for name, pair in means.items() if name != MAIN]
-    is_first = all(means[MAIN][kind] < other[kind] for other in others for kind in (0, 1))
+    others = [pair for name, pair in means.items() if name != PAPER_NETWORK]
+    is_first = all(means[PAPER_NETWORK][kind] < other[kind] for other in others for kind in (0, 1))
     return (
         f"Convergence to a training loss that all reach: {listed}. The full network is "
         f"{'' if is_first else 'not '}the "

@@ -32,7 +32,7 @@ LABEL = "swash_plate"
 PRESSURE = MPa(15)
 """Discharge pressure of the recordings that are calibrated on [Pa]."""
 NOMINAL = "nominal"
-BEST_CANDIDATE = f"ipinn_{min(PAPER_RATES):g}"
+LOWEST_RATE = f"ipinn_{min(PAPER_RATES):g}"
 """The paper's choice: the least rate of its grid."""
 
 METRICS = {
@@ -223,7 +223,7 @@ def _sentence(study: StudyTable) -> str:
     changes = []
     for metric in ("rmse", "pe", "sve"):
         before, after = (
-            np.array(study.values(metric, twin=twin)) for twin in (NOMINAL, BEST_CANDIDATE)
+            np.array(study.values(metric, twin=twin)) for twin in (NOMINAL, LOWEST_RATE)
         )
         pairs = (after - before)[np.isfinite(after - before)]
         low, high = paired_interval(pairs.tolist())
@@ -233,7 +233,7 @@ def _sentence(study: StudyTable) -> str:
             f"{metric.upper()} {format_number(float(np.nanmean(before)))} in the nominal twin, "
             f"{change}"
         )
-    failed = len(study.of(twin=BEST_CANDIDATE)) - pairs.size
+    failed = len(study.select(twin=LOWEST_RATE)) - pairs.size
     return (
         f"IPINN at the paper's rate, errors on recordings held out: {'; '.join(changes)}; n = "
         f"{pairs.size} pumps{f', {failed} failed' if failed else ''}. The paper: all three fall; "
@@ -251,7 +251,7 @@ def values_table(study: StudyTable) -> Table:
     for name, moved in zip(PARAMETERS, FLEET_FACTORS, strict=True):
         before, found = (
             float(np.exp(logarithms(NOMINAL, name).mean())),
-            logarithms(BEST_CANDIDATE, name),
+            logarithms(LOWEST_RATE, name),
         )
         identified = "every search failed"
         if found.size:

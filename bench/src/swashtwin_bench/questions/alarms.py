@@ -166,7 +166,7 @@ def _suspected(
 
 
 def _answer(study: StudyTable, settings: AlarmStudySettings) -> Iterator[str]:
-    healthy, trends = study.of(course=HEALTHY), typical_faults(settings.rig)
+    healthy, trends = study.select(course=HEALTHY), typical_faults(settings.rig)
     watched = int(sum(trial.values["watched"] for trial in healthy))
     false_alarms = [int(trial.values["false_alarms"]) for trial in healthy]
     ever = sum(count > 0 for count in false_alarms)
@@ -186,7 +186,7 @@ def _answer(study: StudyTable, settings: AlarmStudySettings) -> Iterator[str]:
     yield f"Growing faults: {before} false alarms in {healthy_part} recordings watched before the onset."
     yield _detection("all classes", worn)
     for kind in trends:
-        yield _detection(kind.replace("_", " "), study.of(course=kind))
+        yield _detection(kind.replace("_", " "), study.select(course=kind))
     is_held = {kind: fault.label in CLASSES for kind, fault in trends.items()}
     yield _suspicion(
         "faults that the prior holds", [item for item in worn if is_held[item.factors["course"]]]

@@ -1,20 +1,21 @@
-"""What classifiers and training sets are called where a person reads of them."""
+"""Labels of classifiers and training sets in sentences, tables and figures."""
 
 TRAINING_SETS = {
-    "measured": "measured only",
+    "measured": "measured windows only",
     "nominal": "with nominal twin",
     "calibrated": "with calibrated twin",
+    "law": "with calibrated twin and law of the recess",
     "posterior": "with draws of calibrated twins",
     "default_prior": "with draws of calibrated twins, default severities",
     "every_class": "with calibrated twin, every class",
     "class_weights": "class weights",
 }
-"""What each training set is called in sentences, tables and figures."""
+"""Label of each training set; a filler is labeled by its name."""
 
 CLASSIFIERS = {
-    "spectral_bitcn": "BiTCN on levels (ours)",
-    "spectral_noise": "BiTCN on levels (ours), new noise in every epoch",
-    "chosen": "chosen in training (ours)",
+    "spectral_bitcn": "BiTCN on spectra (ours)",
+    "spectral_noise": "BiTCN on spectra (ours), new noise in every epoch",
+    "chosen": "default training (ours)",
     "band_powers": "band-power network (ours)",
     "levels": "band-power network (ours)",  # its name in studies up to evidence-0.2
     "bitcn": "BiTCN, stride 16",
@@ -35,16 +36,21 @@ CLASSIFIERS = {
     "autoencoder": "sparse autoencoder",
     "sensor_graph": "graph over sensors",
 }
-"""What classifiers are called in sentences, tables and figures; others by their own name."""
+"""Label of each classifier; others are labeled by their name."""
 
 
 def format_factor(factor: str, value: str) -> str:
-    """A factor's value in words.
+    """Return the label of a factor's value.
 
     Examples
     --------
     >>> format_factor("classifier", "spectral_bitcn"), format_factor("classifier", "random_forest")
-    ('BiTCN on levels (ours)', 'random forest')
+    ('BiTCN on spectra (ours)', 'random forest')
     """
-    names = {"classifier": CLASSIFIERS, "training_set": TRAINING_SETS}.get(factor, {})
-    return names.get(value, value.replace("_", " "))
+    labels: dict[str, str] = {}
+    if factor == "classifier":
+        labels = CLASSIFIERS
+    elif factor == "training_set":
+        labels = TRAINING_SETS
+
+    return labels.get(value, value.replace("_", " "))

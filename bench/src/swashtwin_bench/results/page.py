@@ -1,4 +1,4 @@
-"""`write_study_report`: a study in, one page and its data out."""
+"""The report of a study: one page, and its data beside it."""
 
 import math
 from collections.abc import Sequence
@@ -32,24 +32,27 @@ from swashtwin_bench.results.figures import (
     draw_excitation,
     draw_rows,
     draw_training,
-    embedded_runs,
+    select_embedded_runs,
 )
 from swashtwin_bench.results.naming import format_factor
 from swashtwin_bench.results.reported import format_reported, is_reported
 from swashtwin_bench.results.result import METRICS, StudyResult
 from swashtwin_bench.results.runs import Run
-from swashtwin_bench.results.table import StudyTable
+from swashtwin_bench.results.table import USER_FILES, StudyTable
 
-# Name in a score's reasons of each metric that is called otherwise there.
-_REASONS = {"recall": "macro_recall", "f1": "macro_f1"}
+# Trials in the tooltip of a cell: more would fill the screen.
+MAX_TRIALS_IN_TOOLTIP = 20
+
+# Names of metrics in the reasons of a score, if they differ.
+_REASON_NAMES = {"recall": "macro_recall", "f1": "macro_f1"}
 
 
 def write_study_report(study: StudyTable, folder: Path | str) -> Path:
-    """Path of ``report.html`` of a study; see `write_report`.
+    """Write the report of a study, and return the path of ``report.html`` (`write_report`).
 
     Parameters
     ----------
-    folder : made if it does not exist.
+    folder : is created if it does not exist.
 
     Raises
     ------
@@ -60,290 +63,328 @@ def write_study_report(study: StudyTable, folder: Path | str) -> Path:
 
 
 def build_study_part(study: StudyTable, key: str) -> Part:
-    """Part of one study.
+    """Return the part of a report for one study.
 
     Parameters
     ----------
-    key : what the names of its figures begin with.
+    key : prefix of the names of its figures.
     """
-    scores: list[Any] = [_rows_table(study), Bullets("To be read with it", study.notes)]
-    pictures = [draw_rows(study, key)]
-    further: list[Section] = []
-    calibrations: list[Any] = []
+    notes = Bullets("Notes on the numbers", study.notes)
+    score_blocks: list[Any] = [_build_rows_table(study), notes]
+    drawings = [draw_rows(study, key)]
+    sections: list[Section] = []
+    results: dict[str, Any] = {"studies": [study.to_dict()]}
+
     if isinstance(study, StudyResult):
-        scores = _score_blocks(study, scores[1])
-        pictures += [*draw_curves(study, key), draw_confusions(study, key)]
+        score_blocks = _build_score_blocks(study, notes)
+        drawings += [*draw_curves(study, key), draw_confusions(study, key)]
         if study.calibrations:
-            calibrations = [calibration.to_dict() for calibration in study.calibrations]
-            blocks = _calibration_blocks(study, key)
-            further.append(Section(SectionOrder.CALIBRATION, "Calibration of the twins", blocks))
-        further.append(
-            Section(SectionOrder.TRAINING, "Training and features", _training_blocks(study, key))
-        )
-    scores += [_with_origin(drawing, study) for drawing in pictures]
-    size = getattr(study, "size", "")
+            blocks = _build_calibration_blocks(study, key)
+            sections.append(Section(SectionOrder.CALIBRATION, "Calibration of the twins", blocks))
+            results["calibrations"] = [calibration.to_dict() for calibration in study.calibrations]
+        blocks = _build_training_blocks(study, key)
+        sections.append(Section(SectionOrder.TRAINING, "Training and features", blocks))
+
+    score_blocks += [_with_origin(drawing, study) for drawing in drawings]
+    scores = Section(SectionOrder.SCORES, "Scores", tuple(score_blocks))
+    provenance = Section(
+        SectionOrder.PROVENANCE, "Provenance and command", _build_provenance_blocks(study)
+    )
+
+    name = study.study
+    if isinstance(study, StudyResult) and study.size:
+        name += f", {study.size}"
     return Part(
         title=study.title,
         answer=study.answer,
         facts=(
-            ("Study", ", ".join(filter(None, (study.study, size)))),
+            ("Study", name),
             ("Seeds", ", ".join(map(str, study.seeds))),
             ("Device", study.device),
             ("Version", study.version),
         ),
-        notice="" if study.origin.startswith("Recordings from files") else study.origin,
-        sections=(
-            Section(SectionOrder.SCORES, "Scores", tuple(scores)),
-            *further,
-            Section(
-                SectionOrder.PROVENANCE,
-                "Where this comes from, and how to repeat it",
-                _provenance(study),
-            ),
-        ),
-        results={
-            "studies": [study.to_dict()],
-            **({"calibrations": calibrations} if calibrations else {}),
-        },
+        notice="" if study.origin == USER_FILES else study.origin,
+        sections=(scores, *sections, provenance),
+        results=results,
     )
 
 
-def _rows_table(study: StudyTable) -> Table:
-    """Mean and standard deviation of each metric for each row."""
+def _build_rows_table(study: StudyTable) -> Table:
+    """Return the table of mean and standard deviation of each metric for each row."""
+    rows = []
+    for row in study.rows():
+        factors = [Cell(format_label(row[name])) for name in study.factors]
+        scores = [_format_spread(row[metric]) for metric in study.metrics]
+        rows.append((*factors, *scores))
 
-    def cell(spread: dict[str, Any]) -> Cell:
-        values = [value for value in spread["values"] if value is not None]
-        if not values:
-            return Cell("—", "no number for this row")
-        text = format_number(spread["mean"]) + (
-            f" ± {format_number(spread['std'])}" if spread["std"] is not None else ""
-        )
-        return Cell(text, "single trials: " + ", ".join(map(format_number, values[:20])))
-
-    rows = tuple(
-        (
-            *(Cell(format_label(row[name])) for name in study.factors),
-            *(cell(row[metric]) for metric in study.metrics),
-        )
-        for row in study.rows()
-    )
-    caption = "Mean ± standard deviation over the trials."
-    return Table(caption, (*map(format_label, study.factors), *study.metrics.values()), rows)
+    header = (*map(format_label, study.factors), *study.metrics.values())
+    return Table("Mean ± standard deviation over the trials.", header, tuple(rows))
 
 
-def _score_blocks(study: StudyResult, notes: Bullets) -> list[Any]:
-    """Tables of scores and of differences."""
+def _format_spread(spread: dict[str, Any]) -> Cell:
+    values = [value for value in spread["values"] if value is not None]
+    if not values:
+        return Cell("—", "not defined for this row")
+
+    text = format_number(spread["mean"])
+    if spread["std"] is not None:
+        text += f" ± {format_number(spread['std'])}"
+
+    trials = ", ".join(map(format_number, values[:MAX_TRIALS_IN_TOOLTIP]))
+    return Cell(text, f"single trials: {trials}")
+
+
+def _build_score_blocks(study: StudyResult, notes: Bullets) -> list[Any]:
+    """Return the tables of scores and of differences, with what is to be read with them."""
+    reasons: dict[str, None] = {}
+    for run, row in study.tests():
+        for metric in METRICS:
+            reason = _find_reason([(run, row)], metric)
+            if reason:
+                reasons[f"{row['split']}, {METRICS[metric]}: {reason}"] = None
+
     blocks: list[Any] = [
-        _splits_table(sorted({trial.factors["split"] for trial in study.trials})),
-        scores_table(study),
-    ]
-    reasons = {
-        f"{row['split']}, {METRICS[metric]}: {reason}": None
-        for run, row in study.tests()
-        for metric in METRICS
-        if (reason := _why([(run, row)], metric))
-    }
-    blocks += [
+        _build_splits_table(sorted({trial.factors["split"] for trial in study.trials})),
+        build_scores_table(study),
         notes,
-        Bullets(
-            "Where a number is missing (—) or rests on less than it should (*)", tuple(reasons)
-        ),
+        Bullets("Missing numbers (—) and numbers with a limited basis (*)", tuple(reasons)),
     ]
     if is_reported(study.study):
         blocks.append(
-            "The paper's figures (DOI 10.1177/00202940261419020) were measured on another rig and stand beside the "
-            "split nearest to what the paper tested, L2; they are no target that these scores could meet or miss. "
-            "Its G-means are of another definition: 0.9748 at an accuracy of 0.98 and 0.9029 at 0.9240 are below "
-            "0.9791 and 0.9088, the least that the geometric mean of five recalls can be on its 5 × 50 test "
-            "windows."
+            "The figures of the paper (DOI 10.1177/00202940261419020) were measured on another "
+            "rig. They are shown with the split nearest to what the paper tested, L2, and are no "
+            "target for these scores. Its G-means have another definition: 0.9748 at an accuracy "
+            "of 0.98 and 0.9029 at 0.9240 are below 0.9791 and 0.9088, the minimum of the "
+            "geometric mean of five recalls on its 5 × 50 test windows."
         )
-    return [*blocks, differences_table(study)] if study.differences() else blocks
+    if study.differences():
+        blocks.append(build_differences_table(study))
+
+    return blocks
 
 
-def scores_table(study: StudyResult) -> Table:
-    """Mean and standard deviation over the seeds, with the paper's figures in the same table."""
+def build_scores_table(study: StudyResult) -> Table:
+    """Return the table of scores over the seeds, with the figures of the paper."""
     with_paper = is_reported(study.study)
+
     rows = []
     for row in sorted(study.rows(), key=lambda row: str(row["split"])):
         factors = {name: row[name] for name in study.factors}
+        labels = [format_factor(name, value) for name, value in factors.items() if name != "split"]
+        n_seeds = len(row["accuracy"]["values"])
+
         tests = study.tests(**factors)
-        named = ", ".join(
-            [
-                row["split"],
-                *(format_factor(name, value) for name, value in factors.items() if name != "split"),
-            ]
-        )
-        cells = [_score_cell(row[metric], _why(tests, metric)) for metric in METRICS]
+        scores = [_format_score(row[metric], _find_reason(tests, metric)) for metric in METRICS]
         if len(tests) == 1:
             low, high = tests[0][1]["accuracy_interval"]
-            cells[0] = replace(cells[0], text=f"{cells[0].text} ({low:.2f} to {high:.2f})")
-        count = Cell(str(len(row["accuracy"]["values"])))
-        paper = [Cell(format_reported(study.study, factors))] if with_paper else []
-        rows.append((Cell(named), count, *cells, *paper))
-    header = ("split, classifier, training set", "seeds", *METRICS.values())
+            scores[0] = replace(scores[0], text=f"{scores[0].text} ({low:.2f} to {high:.2f})")
+
+        cells = [Cell(", ".join([row["split"], *labels])), Cell(str(n_seeds)), *scores]
+        if with_paper:
+            cells.append(Cell(format_reported(study.study, factors)))
+        rows.append(tuple(cells))
+
+    header = ["split, classifier, training set", "seeds", *METRICS.values()]
+    if with_paper:
+        header.append("the paper, its rig")
     return Table(
-        f"Mean ± standard deviation over a row's seeds, of {len(study.seeds)} in all; an accuracy of a single test has "
-        "its 95 % interval over the test's recordings. Test windows are measured only. Accuracy by recording: each "
-        "recording counts once, by the mean log-probability of its windows.",
-        (*header, "the paper, its rig") if with_paper else header,
+        f"Mean ± standard deviation over the seeds of a row, of {len(study.seeds)} in total; for a "
+        "single test the accuracy has its 95 % interval over the recordings of the test. All test "
+        "windows are measured. Accuracy by recording: each recording counts once, by the mean "
+        "log-probability of its windows.",
+        tuple(header),
         tuple(rows),
     )
 
 
-def _score_cell(spread: dict[str, Any], reason: str) -> Cell:
+def _format_score(spread: dict[str, Any], reason: str) -> Cell:
     finite = [value for value in spread["values"] if value is not None]
     if not finite:
         return Cell("—", reason or "not defined for this test set")
-    text = f"{spread['mean']:.3f}" + (
-        f" ±\u00a0{spread['std']:.3f}" if spread["std"] is not None else ""
-    )
+
+    text = f"{spread['mean']:.3f}"
+    if spread["std"] is not None:
+        text += f" ±\u00a0{spread['std']:.3f}"
     if len(finite) < len(spread["values"]):
         text += f" ({len(finite)} of {len(spread['values'])} seeds)"
-    return Cell(
-        f"{text} *" if reason else text,
-        reason or "single seeds: " + ", ".join(f"{value:.3f}" for value in finite),
-    )
+
+    if reason:
+        return Cell(f"{text} *", reason)
+    return Cell(text, "single seeds: " + ", ".join(f"{value:.3f}" for value in finite))
 
 
-def _why(tests: Sequence[tuple[Run, dict[str, Any]]], metric: str) -> str:
-    """Why a number of some tests is missing or rests on less than it should; empty where it does
-    not.
-    """
+def _find_reason(tests: Sequence[tuple[Run, dict[str, Any]]], metric: str) -> str:
+    """Return why a score of some tests is missing or has a limited basis; empty if it has not."""
     if metric == "scarce_recall":
-        return (
-            "no test window in the scarce cell"
-            if any(math.isnan(row[metric]) for _, row in tests)
-            else ""
-        )
-    name = _REASONS.get(metric, metric)
-    return "; ".join(
-        dict.fromkeys(row["reasons"][name] for _, row in tests if name in row["reasons"])
-    )
+        is_missing = any(math.isnan(row[metric]) for _, row in tests)
+        return "no test window in the scarce cell" if is_missing else ""
+
+    name = _REASON_NAMES.get(metric, metric)
+    reasons = [row["reasons"][name] for _, row in tests if name in row["reasons"]]
+    return "; ".join(dict.fromkeys(reasons))
 
 
-def differences_table(study: StudyResult) -> Table:
-    """Differences of accuracy, paired by seed."""
+def build_differences_table(study: StudyResult) -> Table:
+    """Return the table of differences of accuracy, paired by seed."""
     rows = []
     for pair in study.differences():
-        first, second = (
-            format_factor(pair.factor, row[pair.factor]) for row in (pair.first, pair.second)
-        )
+        first = format_factor(pair.factor, pair.first[pair.factor])
+        second = format_factor(pair.factor, pair.second[pair.factor])
         fixed = [
             format_factor(name, value) for name, value in pair.first.items() if name != pair.factor
         ]
-        low, high = (100 * end for end in pair.interval)
-        interval = Cell(f"{low:+.1f} to {high:+.1f}") if pair.pairs > 1 else Cell("—", "one seed")
-        clear = Cell("—" if pair.pairs < 2 else "yes" if pair.is_clear else "no")
-        texts = (f"{first} less {second}", ", ".join(fixed), f"{100 * pair.mean:+.1f}")
-        rows.append((*map(Cell, texts), interval, Cell(str(pair.pairs)), clear))
-    fleets = len({run["data"] for run in study.runs}) > 1
-    kind = (
-        "Student's t over fleets"
-        if fleets
-        else "the corrected resampled t, for the seeds split the same recordings"
-    )
+
+        interval = Cell("—", "one seed")
+        is_clear = Cell("—")
+        if pair.pairs > 1:
+            low, high = (100 * limit for limit in pair.interval)
+            interval = Cell(f"{low:+.1f} to {high:+.1f}")
+            is_clear = Cell("yes" if pair.is_clear else "no")
+
+        rows.append(
+            (
+                Cell(f"{first} minus {second}"),
+                Cell(", ".join(fixed)),
+                Cell(f"{100 * pair.mean:+.1f}"),
+                interval,
+                Cell(str(pair.pairs)),
+                is_clear,
+            )
+        )
+
+    has_fleets = len({run["data"] for run in study.runs}) > 1
+    if has_fleets:
+        method = "Student's t over fleets"
+    else:
+        method = "the corrected resampled t, because the seeds split the same recordings"
     return Table(
-        f"Differences of accuracy in points, paired by seed; 95 % intervals by {kind}.",
-        ("difference", "of", "points", "95 % interval", "seeds", "clear of zero"),
+        f"Differences of accuracy in points, paired by seed; 95 % intervals by {method}.",
+        ("difference", "for", "points", "95 % interval", "seeds", "excludes zero"),
         tuple(rows),
     )
 
 
 def _with_origin(drawing: Drawing, study: StudyTable) -> Drawing:
-    """The figure with what it takes to repeat it under it: command, seeds, device, and whose
-    recordings.
-    """
+    """Return the figure with its origin in the caption: a figure is often passed on alone."""
+    if "virtual rig" in study.origin:
+        recordings = "virtual rig, no real pump"
+    else:
+        recordings = "recordings: see the page"
+
     seeds = ", ".join(map(str, study.seeds))
-    rig = (
-        "virtual rig, no real pump" if "virtual rig" in study.origin else "recordings: see the page"
+    command = study.command or "command not recorded"
+    origin = f"{command}; seeds {seeds}; {study.device}; {recordings}"
+    return replace(drawing, caption=f"{drawing.caption} [{origin}]")
+
+
+def _build_calibration_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
+    target_pressure = study.settings.get("pressure_Pa")
+    is_only_one = len(study.calibrations) == 1
+
+    extrapolations = []
+    groups = []
+    for number, calibration in enumerate(study.calibrations, start=1):
+        pump_name = calibration.twin.pump.name
+        pressure = calibration.twin.condition.discharge_pressure
+        if isinstance(target_pressure, float) and not values_match(
+            pressure, target_pressure, PRESSURE_TOLERANCE
+        ):
+            extrapolations.append(
+                f"{pump_name} was calibrated at {pressure / 1e6:.3g} MPa and simulated at "
+                f"{target_pressure / 1e6:.3g} MPa."
+            )
+
+        calibration_key = f"{key}_calibration" + ("" if is_only_one else f"_{number}")
+        blocks = build_calibration_blocks(calibration, calibration_key)
+        if number == 1:
+            blocks = (*blocks, *draw_excitation(calibration.nominal, calibration_key))
+        title = f"{pump_name}: {describe_verdicts(calibration)}"
+        groups.append(Group(title, blocks, is_open=is_only_one))
+
+    return (
+        Bullets("Twins used at another pressure than calibrated", tuple(extrapolations)),
+        *groups,
     )
-    source = f"{study.command or 'command not recorded'}; seeds {seeds}; {study.device}; {rig}"
-    return replace(drawing, caption=f"{drawing.caption} [{source}]")
 
 
-def _calibration_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
-    several = len(study.calibrations) > 1
-    blocks: list[Any] = []
-    target = study.settings.get("pressure_Pa")
-    pressures = [
-        (each.twin.pump.name, each.twin.condition.discharge_pressure) for each in study.calibrations
-    ]
-    elsewhere = tuple(
-        f"{name} was calibrated at {pressure / 1e6:.3g} MPa and simulated at {target / 1e6:.3g} MPa."
-        for name, pressure in pressures
-        if isinstance(target, float) and not values_match(pressure, target, PRESSURE_TOLERANCE)
-    )
-    blocks.append(Bullets("Used away from where they were calibrated", elsewhere))
-    for index, calibration in enumerate(study.calibrations):
-        own_key = f"{key}_calibration_{index + 1}" if several else f"{key}_calibration"
-        inner = build_calibration_blocks(calibration, own_key)
-        if index == 0:
-            inner = (*inner, *draw_excitation(calibration.nominal, own_key))
-        title = f"{calibration.twin.pump.name}: {describe_verdicts(calibration)}"
-        blocks.append(Group(title, inner, is_open=not several))
-    return tuple(blocks)
-
-
-def _training_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
-    blocks: list[Any] = [_cells_table(study)]
+def _build_training_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
+    blocks: list[Any] = [_build_cells_table(study)]
     if any(run["history"] for run in study.runs):
         blocks.append(_with_origin(draw_training(study, key), study))
-    if embedded_runs(study):
+    if select_embedded_runs(study):
         blocks.append(_with_origin(draw_embedding(study, key), study))
     else:
         blocks.append("No t-SNE: no network was trained, or there are fewer than 10 test windows.")
+
     return tuple(blocks)
 
 
-def _splits_table(splits: Sequence[str]) -> Table:
-    """Meaning of the splits on the page."""
+def _build_splits_table(splits: Sequence[str]) -> Table:
+    """Return the table of the meaning of the splits."""
     return Table(
-        "How far the test data lie from the training data.",
-        ("split", "test data are"),
+        "Distance of the test data from the training data.",
+        ("split", "test data"),
         tuple((split, SPLITS.get(split, "not described")) for split in splits),
     )
 
 
-def _cells_table(study: StudyResult) -> Table:
-    """Windows by class and pressure in each set of the first seed."""
-    cells = study.cells
-    names = sorted(
-        dict.fromkeys(name for of in cells.values() for name in of),
-        key=lambda name: " @ " not in name,
-    )
-    rows = [
-        (Cell(format_label(name)), *(Cell(str(of.get(name, 0) or "–")) for of in cells.values()))
-        for name in names
+def _build_cells_table(study: StudyResult) -> Table:
+    """Return the table of windows by class and pressure in each set of the first seed."""
+    sets = study.cells
+    names: list[str] = []
+    for counts in sets.values():
+        names += [name for name in counts if name not in names]
+    # Cells first; then counts that are not of a cell, such as that of synthetic windows.
+    names.sort(key=lambda name: not _is_cell(name))
+
+    rows = []
+    for name in names:
+        counts_of_name = [str(counts.get(name, 0) or "–") for counts in sets.values()]
+        rows.append((Cell(format_label(name)), *map(Cell, counts_of_name)))
+
+    totals = [
+        sum(count for name, count in counts.items() if _is_cell(name)) for counts in sets.values()
     ]
-    total = [sum(count for name, count in of.items() if " @ " in name) for of in cells.values()]
-    rows.append((Cell("all"), *(Cell(str(count)) for count in total)))
-    header = [
-        f"test {name}" if name.split(", ")[0] in SPLITS else format_factor("training_set", name)
-        for name in cells
-    ]
+    rows.append((Cell("all"), *(Cell(str(total)) for total in totals)))
+
+    header = ["class @ pressure"]
+    for name in sets:
+        is_test = name.split(", ")[0] in SPLITS
+        header.append(f"test {name}" if is_test else format_factor("training_set", name))
+
     caption = (
         f"Windows by class and pressure in each training and test set, under seed {study.seeds[0]}."
     )
-    return Table(caption, ("class @ pressure", *header), tuple(rows))
+    return Table(caption, tuple(header), tuple(rows))
 
 
-def _provenance(study: StudyTable) -> tuple[Any, ...]:
-    entries = [
+def _is_cell(name: str) -> bool:
+    """Return whether a count is that of a class at a pressure (`count_cells`)."""
+    return " @ " in name
+
+
+def _build_provenance_blocks(study: StudyTable) -> tuple[Any, ...]:
+    facts = [
         ("command", study.command or "not recorded"),
         ("study", study.study),
         ("seeds", list(study.seeds)),
         ("swashtwin version", study.version),
         ("device", study.device),
-        ("time taken", f"{format_number(study.wall_s)} s"),
+        ("duration", f"{format_number(study.wall_s)} s"),
         ("recordings", study.origin),
     ]
-    used = tuple(
-        f"{each.twin.pump.name}, {each.method} {each.version}: {', '.join(each.recording_ids)}"
-        for each in getattr(study, "calibrations", ())
+    calibrations = study.calibrations if isinstance(study, StudyResult) else ()
+    calibrated_on = tuple(
+        f"{calibration.twin.pump.name}, {calibration.method} {calibration.version}: "
+        f"{', '.join(calibration.recording_ids)}"
+        for calibration in calibrations
     )
     settings = build_facts_table("Settings of the study.", flatten_settings(study.settings))
+
     return (
-        build_facts_table("The run.", entries),
-        Bullets("Recordings that twins were calibrated on (training data, in no test set)", used),
+        build_facts_table("The run.", facts),
+        Bullets(
+            "Recordings used to calibrate twins (training data, in no test set)", calibrated_on
+        ),
         Group("Settings", (settings,), is_open=False),
     )

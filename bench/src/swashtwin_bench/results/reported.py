@@ -1,16 +1,20 @@
-"""What the paper prints (DOI 10.1177/00202940261419020), for its own rig and its own BiTCN, by
-study and row.
+"""Figures that the paper reports (DOI 10.1177/00202940261419020), by study and row.
+
+They were measured on the paper's rig with the paper's BiTCN.
 """
 
 from collections.abc import Mapping
 
 PAPER_STUDY = "paper-"
-"""Start of the name of a study by the paper's own network and recipe."""
+"""Prefix of the name of a study by the paper's network and recipe."""
 
 _BITCNS = ("spectral_bitcn", "bitcn", "paper_bitcn")
 _CASE_ONE = {"accuracy": "0.98", "recall": "0.98", "f1": "0.98", "g_mean": "0.9748"}
 _CASE_TWO = {"accuracy": "0.9240", "recall": "0.9240", "f1": "0.9236", "g_mean": "0.9029"}
 _HEADINGS = {"accuracy": "accuracy", "recall": "recall", "f1": "F1", "g_mean": "G-mean"}
+
+# The paper tests none of them.
+_NOT_IN_PAPER = ("extra_trees", "logistic", "ridge", "svm")
 
 
 def _rows(
@@ -43,38 +47,42 @@ REPORTED: tuple[tuple[str, Mapping[str, str], Mapping[str, str]], ...] = (
         "noise", ("lstm",), "11 points below BiTCN", training_set="calibrated", perturbation="5 dB"
     ),
 )
-"""Study, factors, and by metric the figure or the claim of each row that the paper prints."""
+"""Study, factors, and the figure or claim by metric, of each row that the paper reports."""
 
 
 def is_reported(study: str) -> bool:
-    """Whether the paper prints anything for a study."""
+    """Return whether the paper reports anything for a study."""
     return any(name == study.removeprefix(PAPER_STUDY) for name, *_ in REPORTED)
 
 
 def format_reported(study: str, row: Mapping[str, str]) -> str:
-    """What the paper prints for a row; nothing at farther splits than L2, and of trees that the
-    paper does not have.
+    """Return what the paper reports for a row, or an empty text if it reports nothing.
 
-    Beside a network that the paper does not have, such as ours, it says whose figure it is. The
-    paper does not say whether its tests are of other recordings (L2) or of random windows (L0).
+    For a network that the paper does not have, such as ours, the text adds that the figure is that
+    of the paper's BiTCN. The paper does not specify whether its tests are of other recordings (L2)
+    or of random windows (L0), so its figures are shown for both, and for no other split.
     """
-    name, classifier = study.removeprefix(PAPER_STUDY), row["classifier"]
-    matching = [
-        (keys, figures)
-        for of, keys, figures in REPORTED
-        if of == name and keys.items() <= row.items()
-    ]
-    if (
-        row["split"] not in ("L0", "L2")
-        or not matching
-        or classifier in ("extra_trees", "logistic", "ridge", "svm")
-    ):
+    classifier = row["classifier"]
+    if row["split"] not in ("L0", "L2") or classifier in _NOT_IN_PAPER:
         return ""
-    keys, figures = matching[0]
-    text = ", ".join(
-        f"{_HEADINGS[metric]} {figure}" if figure[0].isdigit() and " " not in figure else figure
-        for metric, figure in figures.items()
-    )
-    named = "classifier" in keys and not classifier.startswith(("spectral_", "bitcn"))
-    is_papers = named or classifier.startswith("paper_")
-    return text if is_papers else f"the paper's BiTCN: {text}"
+
+    study_name = study.removeprefix(PAPER_STUDY)
+    matches = [
+        (factors, figures)
+        for name, factors, figures in REPORTED
+        if name == study_name and factors.items() <= row.items()
+    ]
+    if not matches:
+        return ""
+
+    factors, figures = matches[0]
+    parts = []
+    for metric, figure in figures.items():
+        is_number = figure[0].isdigit() and " " not in figure
+        parts.append(f"{_HEADINGS[metric]} {figure}" if is_number else figure)
+    text = ", ".join(parts)
+
+    is_listed = "classifier" in factors and not classifier.startswith(("spectral_", "bitcn"))
+    if is_listed or classifier.startswith("paper_"):
+        return text
+    return f"the paper's BiTCN: {text}"

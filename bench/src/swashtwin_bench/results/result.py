@@ -1,9 +1,9 @@
-"""What a study of classifiers found: rows of scores, and the runs that they are of.
+"""Result of a study of classifiers: rows of scores, and the runs that they come from.
 
-Its JSON is a `StudyTable`'s with ``size``, ``differences``, ``cells``, ``splits``,
-``fingerprints``, ``calibrations`` and ``runs`` beside; rows hold the factors that name them
-(``classifier``, ``training_set``, ``split``,
-...) and ``{"mean", "std", "values"}`` over the seeds under each metric.
+Its JSON is that of a `StudyTable` with ``size``, ``differences``, ``cells``, ``splits``,
+``fingerprints``, ``calibrations`` and ``runs`` in addition. A row contains its factors
+(``classifier``, ``training_set``, ``split``, ...) and, for each metric, ``{"mean", "std",
+"values"}`` over the seeds.
 """
 
 import math
@@ -29,28 +29,33 @@ METRICS = {
     "recording_accuracy": "accuracy by recording",
     "scarce_recall": "recall in the scarce cell",
 }
-"""Heading of each metric; the recall of each class and further values of a study follow."""
+"""Heading of each metric; the recall of each class and the values of the runs follow."""
 
-FURTHER = {"discriminator": "AUROC measured/synthetic", "wall_s": "time of one run [s]"}
-"""Headings of the figures of a training, whatever it is tested on."""
+RUN_METRICS = {"discriminator": "AUROC measured/synthetic", "wall_s": "time of one run [s]"}
+"""Headings of the values of a run, which do not depend on the test."""
+
+MIN_INTERVAL_WIDTH = 1e-9
+"""Width of an interval that is more than a rounding error."""
 
 MAX_DIFFERENCES = 4
-"""Differences in the answer for each test, of classifiers the nearest ones; the table has all."""
+"""Maximum number of differences in the answer for each test; the table has all.
 
-TESTS = ("split", "perturbation")
-"""Factors that name a test."""
+Of classifiers they are the best ones.
+"""
+
+TEST_FACTORS = ("split", "perturbation")
+"""Factors that identify a test."""
 
 Row = Mapping[str, str]
-"""Factors that name a row."""
+"""Factors of a row."""
 
 
 def build_score_row(scores: Scores, scarce_recall: float) -> dict[str, Any]:
-    """Numbers of one test as a run's file holds them, with confusion, interval and reasons.
+    """Return the row of one test in a run's file: scores, confusion, interval and reasons.
 
     Parameters
     ----------
-    scarce_recall : recall of the measured windows of the cells that were scarce; NaN where the test
-        has none.
+    scarce_recall : recall of the measured windows in the scarce cells; NaN if the test has none.
     """
     return {
         "accuracy": scores.accuracy,
@@ -68,95 +73,121 @@ def build_score_row(scores: Scores, scarce_recall: float) -> dict[str, Any]:
 
 
 def build_trials(runs: Sequence[Run]) -> tuple[Trial, ...]:
-    """One trial for each row and seed: the mean over draws of noise."""
-    grouped: dict[tuple[tuple[tuple[str, str], ...], int], list[dict[str, float]]] = {}
+    """Return one trial for each row and seed: the mean over the draws of a perturbation."""
+    values_by_trial: dict[tuple[tuple[tuple[str, str], ...], int], list[dict[str, float]]] = {}
     for run in runs:
         for row in run["rows"]:
-            factors = {**run["factors"], **{name: row[name] for name in TESTS if name in row}}
-            numbers = {name: value for name, value in row.items() if isinstance(value, float)}
-            values = {**numbers, **run["values"], "wall_s": run["wall_s"]}
-            grouped.setdefault((tuple(factors.items()), run["seed"]), []).append(values)
-    return tuple(
-        Trial(
-            dict(factors),
-            seed,
-            {name: float(np.mean([each[name] for each in values])) for name in values[0]},
-        )
-        for (factors, seed), values in grouped.items()
-    )
+            factors = {**run["factors"], **_test_of(row)}
+            scores = {name: value for name, value in row.items() if isinstance(value, float)}
+            values = {**scores, **run["values"], "wall_s": run["wall_s"]}
+            values_by_trial.setdefault((tuple(factors.items()), run["seed"]), []).append(values)
+
+    trials = []
+    for (key, seed), draws in values_by_trial.items():
+        means = {name: float(np.mean([draw[name] for draw in draws])) for name in draws[0]}
+        trials.append(Trial(dict(key), seed, means))
+
+    return tuple(trials)
+
+
+def _test_of(row: Mapping[str, Any]) -> dict[str, str]:
+    """Return the factors of a row that identify its test."""
+    return {name: row[name] for name in TEST_FACTORS if name in row}
 
 
 @dataclass(frozen=True)
 class Difference:
-    """How much the accuracy of one row is above that of another, in the mean over the seeds that
-    both have.
-    """
+    """Difference of accuracy between two rows, averaged over the seeds that both have."""
 
     first: Row
-    """Factors of the one."""
+    """Factors of the first row."""
     second: Row
-    """Factors of the other."""
+    """Factors of the second row."""
     factor: str
     """Factor in which they differ."""
     mean: float
-    """Mean of the differences, first less second; NaN where no seed has both."""
+    """Mean of first minus second; NaN if no seed has both."""
     interval: tuple[float, float]
-    """95 % interval of it, NaN for one seed: Student's where each seed is a fleet of its own, that
-    of the corrected resampled t where the seeds split the same recordings.
-    """
+    """95 % interval of the mean (`paired_interval`); NaN for one seed."""
     pairs: int
-    """Seeds that both have."""
+    """Number of seeds that both have."""
 
     @property
     def is_clear(self) -> bool:
-        """Whether the interval excludes zero; one without width says only that too little was
-        tested to differ.
-        """
+        """Whether the interval excludes zero."""
         low, high = self.interval
-        return high - low > 1e-9 and (low > 0 or high < 0)
+        # Equal differences have no width: the tests were then too small to differ.
+        has_width = high - low > MIN_INTERVAL_WIDTH
+        return has_width and (low > 0 or high < 0)
+
+    @property
+    def _comparison(self) -> str:
+        first = format_factor(self.factor, self.first[self.factor])
+        second = format_factor(self.factor, self.second[self.factor])
+        if self.factor == "classifier":
+            return f"Accuracy of {first} minus accuracy of {second}"
+
+        classifier = format_factor("classifier", self.first["classifier"])
+        return f"Accuracy of {classifier} {_with(first)} minus accuracy {_with(second)}"
 
     @property
     def sentence(self) -> str:
-        """The difference in points."""
-        first = format_factor(self.factor, self.first[self.factor])
-        second = format_factor(self.factor, self.second[self.factor])
-        text = f"{first} less {second}"
-        if self.factor != "classifier":
-            text += f" ({format_factor('classifier', self.first['classifier'])})"
-        points = f"{text}: {100 * self.mean:+.1f} points"
+        """The difference in percentage points, as a sentence.
+
+        Examples
+        --------
+        >>> first = {"classifier": "svm", "training_set": "calibrated"}
+        >>> second = {"classifier": "tcn", "training_set": "calibrated"}
+        >>> Difference(first, second, "classifier", 0.018, (0.008, 0.028), 5).sentence
+        'Accuracy of SVM minus accuracy of TCN: +1.8 points (95 % interval +0.8 to +2.8).'
+        """
+        points = f"{100 * self.mean:+.1f} points"
         if self.pairs < 2:
-            return f"{points}, one seed."
-        low, high = (100 * end for end in self.interval)
-        return f"{points} ({low:+.1f} to {high:+.1f}){'' if self.is_clear else ', which may be chance'}."
+            return f"{self._comparison}: {points} (one seed)."
+
+        low, high = (100 * limit for limit in self.interval)
+        significance = "" if self.is_clear else "; not significant"
+        return (
+            f"{self._comparison}: {points} (95 % interval {low:+.1f} to {high:+.1f}{significance})."
+        )
 
     def to_dict(self) -> dict[str, Any]:
-        """The difference as JSON can hold it."""
-        interval = [None if math.isnan(end) else end for end in self.interval]
-        mean = None if math.isnan(self.mean) else self.mean
-        return {"first": dict(self.first), "second": dict(self.second), "mean": mean, "interval": interval,
-                "pairs": self.pairs}  # fmt: skip
+        """Return the difference as JSON can hold it."""
+        return {
+            "first": dict(self.first),
+            "second": dict(self.second),
+            "mean": _nan_to_none(self.mean),
+            "interval": [_nan_to_none(limit) for limit in self.interval],
+            "pairs": self.pairs,
+        }
+
+
+def _with(label: str) -> str:
+    return label if label.startswith("with ") else f"with {label}"
+
+
+def _nan_to_none(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StudyResult(StudyTable):
-    """A study's table together with its runs."""
+    """Table of a study together with its runs."""
 
     size: str
     """Name of the settings, such as ``"quick"``."""
     runs: tuple[Run, ...]
-    """Every training with its tests, in the order of the rows."""
+    """Each training with its tests, in the order of the rows."""
     reference_values: Mapping[str, str] = field(default_factory=dict)
-    """Factor and the value that all its others are compared with."""
+    """Value of a factor that its other values are compared with, by factor."""
     unfilled_variant: str | None = None
-    """Value of what is varied for rows of no synthetic window, which are compared with those of
-    every value.
-    """
+    """Variant of the rows without synthetic windows, which are compared with all variants."""
     calibrations: tuple[Calibration, ...] = ()
-    """Calibrations of the first seed, as far as there are files of them."""
+    """Calibrations of the first seed, if their files exist."""
 
     @property
     def main_classifier(self) -> str:
-        """Classifier that the study is about."""
+        """Classifier that the study is about: the first."""
         return str(self.runs[0]["factors"]["classifier"])
 
     @property
@@ -170,123 +201,138 @@ class StudyResult(StudyTable):
         return [run for run in self.runs if run["seed"] == self.seeds[0]]
 
     def tests(self, **factors: str) -> list[tuple[Run, dict[str, Any]]]:
-        """(run, row of its file) of each test of those factors."""
+        """Return (run, row of its file) of each test with these factors."""
         return [
             (run, row)
             for run in self.runs
             for row in run["rows"]
-            if all({**run["factors"], **row}[name] == value for name, value in factors.items())
+            if factors.items() <= {**run["factors"], **_test_of(row)}.items()
         ]
 
     def difference(
         self, first: Row, second: Row, factor: str, metric: str = "accuracy"
     ) -> Difference:
-        """How much the row of some factors is above the row of others, paired by seed."""
-        values = [
-            {trial.seed: trial.values[metric] for trial in self.of(**row)}
-            for row in (first, second)
-        ]
-        pairs = [value - values[1][seed] for seed, value in values[0].items() if seed in values[1]]
-        pairs = [pair for pair in pairs if math.isfinite(pair)]
-        mean = float(np.mean(pairs)) if pairs else math.nan
-        return Difference(
-            first, second, factor, mean, paired_interval(pairs, self._test_share(first)), len(pairs)
-        )
+        """Return the difference of a metric between two rows, paired by seed."""
+        first_values = {trial.seed: trial.values[metric] for trial in self.select(**first)}
+        second_values = {trial.seed: trial.values[metric] for trial in self.select(**second)}
+
+        differences = []
+        for seed, value in first_values.items():
+            if seed in second_values and math.isfinite(value - second_values[seed]):
+                differences.append(value - second_values[seed])
+
+        mean = float(np.mean(differences)) if differences else math.nan
+        interval = paired_interval(differences, self._test_share(first))
+        return Difference(first, second, factor, mean, interval, len(differences))
 
     def _test_share(self, row: Row) -> float | None:
-        """Test recordings over training recordings of a row; None where each seed has recordings of
-        its own.
+        """Return the ratio of test to training recordings; None if each seed has other recordings.
+
+        Seeds that split the same recordings are correlated (`paired_interval`).
         """
         if len({run["data"] for run in self.runs}) > 1:
             return None
+
         roles = next(run["roles"] for run in self.runs if run["factors"].items() <= row.items())
         return len(roles[row["split"]]) / max(1, len(roles["train"]))
 
     def differences(self) -> list[Difference]:
-        """Differences between the row that holds a factor's compared value and those that hold
-        another, all else alike; rows of no synthetic window belong to every value of what is
-        varied.
+        """Return the differences between each reference value and the other values of its factor.
+
+        All other factors of the two rows are equal, except that a row without synthetic windows is
+        compared with every variant.
         """
         rows = [
             dict(key)
             for key in dict.fromkeys(tuple(trial.factors.items()) for trial in self.trials)
         ]
 
-        def alike(first: Row, second: Row, factor: str) -> bool:
-            return all(
-                first[name] == second[name]
-                or (
-                    name not in ("classifier", "training_set", *TESTS)
-                    and self.unfilled_variant in (first[name], second[name])
-                )
-                for name in first
-                if name != factor
-            )
+        differences = []
+        for factor, reference_value in self.reference_values.items():
+            references = [row for row in rows if row.get(factor) == reference_value]
+            others = [row for row in rows if row.get(factor, reference_value) != reference_value]
+            for first, second in product(references, others):
+                if self._differ_only_in(factor, first, second):
+                    differences.append(self.difference(first, second, factor))
 
-        pairs = [
-            self.difference(first, second, factor)
-            for factor, value in self.reference_values.items()
-            for first, second in product(rows, rows)
-            if first.get(factor) == value
-            and second.get(factor, value) != value
-            and alike(first, second, factor)
-        ]
-        return [pair for pair in pairs if pair.pairs]
+        return [difference for difference in differences if difference.pairs]
+
+    def _differ_only_in(self, factor: str, first: Row, second: Row) -> bool:
+        for name in first:
+            if name == factor or first[name] == second[name]:
+                continue
+
+            is_variant = name not in ("classifier", "training_set", *TEST_FACTORS)
+            if not (is_variant and self.unfilled_variant in (first[name], second[name])):
+                return False
+
+        return True
 
     def sentences(self) -> tuple[str, ...]:
-        """For each test the best row of those of as many seeds as any, and what the study
-        compares.
+        """Return a text for each test: its best row, and the differences that the study compares.
+
+        Rows of fewer seeds than others are not compared for the best: they may be lucky.
         """
-        sentences = []
-        rows, differences = self.rows(), self.differences()
-        for test in dict.fromkeys(tuple(row.get(name, "") for name in TESTS) for row in rows):
-            of_test = [row for row in rows if tuple(row.get(name, "") for name in TESTS) == test]
-            most = max(len(row["accuracy"]["values"]) for row in of_test)
-            of_all = [row for row in of_test if len(row["accuracy"]["values"]) == most]
-            among = "" if len(of_all) == len(of_test) else f" of those of {most} seeds"
-            best = max(of_all, key=lambda row: row["accuracy"]["mean"] or 0.0)
-            named = ", ".join(
-                format_factor(name, best[name]) for name in self.factors if name not in TESTS
-            )
-            pairs = [
-                pair
-                for pair in differences
-                if tuple(pair.first.get(name, "") for name in TESTS) == test
+        rows = self.rows()
+        differences = self.differences()
+
+        texts = []
+        for test in dict.fromkeys(_test_key(row) for row in rows):
+            test_rows = [row for row in rows if _test_key(row) == test]
+            max_seeds = max(len(row["accuracy"]["values"]) for row in test_rows)
+            complete = [row for row in test_rows if len(row["accuracy"]["values"]) == max_seeds]
+            scope = "" if len(complete) == len(test_rows) else f" (rows of {max_seeds} seeds)"
+
+            best = max(complete, key=lambda row: row["accuracy"]["mean"] or 0.0)
+            labels = [
+                format_factor(name, best[name]) for name in self.factors if name not in TEST_FACTORS
             ]
+            text = (
+                f"{', '.join(filter(None, test))}: highest accuracy{scope} "
+                f"{best['accuracy']['mean']:.3f}, {', '.join(labels)}."
+            )
+
+            pairs = [pair for pair in differences if _test_key(pair.first) == test]
             if all(pair.factor == "classifier" for pair in pairs):
                 pairs.sort(key=lambda pair: pair.mean)
-            text = f"{', '.join(filter(None, test))}: highest accuracy{among} {best['accuracy']['mean']:.3f} ({named})."
-            sentences.append(" ".join([text, *(pair.sentence for pair in pairs[:MAX_DIFFERENCES])]))
-        return tuple(sentences)
+            texts.append(" ".join([text, *(pair.sentence for pair in pairs[:MAX_DIFFERENCES])]))
+
+        return tuple(texts)
 
     @property
     def cells(self) -> dict[str, dict[str, int]]:
-        """Windows by class and pressure in each training set and test set, first seed; a test set
-        that what the study varies does not change stands once.
+        """Windows by class and pressure in each training and test set of the first seed.
+
+        A test set that is the same in all runs is listed once.
         """
-        trained = {name_run(run, "classifier"): run["cells"]["train"] for run in self.first_runs}
-        tested: dict[str, dict[str, int]] = {}
+        training_sets = {}
+        test_sets: dict[str, dict[str, int]] = {}
         for run in self.first_runs:
+            training_sets[name_run(run, "classifier")] = run["cells"]["train"]
             for name in run["cells"].keys() - {"train"}:
                 counts = run["cells"][name]
-                if tested.setdefault(name, counts) != counts:
-                    tested[f"{name}, {name_run(run, 'classifier', 'training_set')}"] = counts
-        return {**trained, **dict(sorted(tested.items()))}
+                if test_sets.setdefault(name, counts) != counts:
+                    test_sets[f"{name}, {name_run(run, 'classifier', 'training_set')}"] = counts
+
+        return {**training_sets, **dict(sorted(test_sets.items()))}
 
     def to_dict(self) -> dict[str, Any]:
-        """The study's JSON."""
+        """Return the JSON of the study."""
         splits: dict[str, dict[str, Any]] = {}
         fingerprints: dict[str, dict[str, str]] = {}
         for run in self.runs:
-            name = ", ".join(
-                filter(None, (str(run["seed"]), name_run(run, "classifier", "training_set")))
-            )
+            variant = name_run(run, "classifier", "training_set")
+            name = ", ".join(filter(None, (str(run["seed"]), variant)))
             splits[name] = dict(run["roles"])
-            named = {
-                part if part != "train" else name_run(run, "classifier"): v
-                for part, v in run["sha256"].items()
-            }
-            fingerprints.setdefault(name, {}).update(named)
+
+            hashes = fingerprints.setdefault(name, {})
+            for role, sha256 in run["sha256"].items():
+                # Training windows differ between training sets, test windows do not.
+                hashes[name_run(run, "classifier") if role == "train" else role] = sha256
+
+        runs = [
+            {name: run[name] for name in ("key", "wall_s", "cpu_s", "device")} for run in self.runs
+        ]
         return {
             **super().to_dict(),
             "size": self.size,
@@ -294,23 +340,27 @@ class StudyResult(StudyTable):
             "cells": self.cells,
             "splits": splits,
             "fingerprints": fingerprints,
-            "calibrations": [
-                {
-                    "pump": calibration.twin.pump.name,
-                    "recording_ids": list(calibration.recording_ids),
-                    "nominal_agreement": asdict(calibration.nominal_agreement),
-                    "calibrated_agreement": asdict(calibration.calibrated_agreement),
-                    "estimates": [asdict(estimate) for estimate in calibration.estimates],
-                }
-                for calibration in self.calibrations
-            ],
-            "runs": [
-                {name: run[name] for name in ("key", "wall_s", "cpu_s", "device")}
-                for run in self.runs
-            ],
+            "calibrations": [_summarize_calibration(c) for c in self.calibrations],
+            "runs": runs,
         }
 
 
-def name_run(run: Run, *others: str) -> str:
-    """What names a run besides `others`."""
-    return ", ".join(value for name, value in run["factors"].items() if name not in others)
+def _summarize_calibration(calibration: Calibration) -> dict[str, Any]:
+    return {
+        "pump": calibration.twin.pump.name,
+        "recording_ids": list(calibration.recording_ids),
+        "nominal_agreement": asdict(calibration.nominal_agreement),
+        "calibrated_agreement": asdict(calibration.calibrated_agreement),
+        "estimates": [asdict(estimate) for estimate in calibration.estimates],
+    }
+
+
+def _test_key(row: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(row.get(name, "") for name in TEST_FACTORS)
+
+
+def name_run(run: Run, *excluded_factors: str) -> str:
+    """Return the values of a run's factors, without some of them, as its name."""
+    return ", ".join(
+        value for name, value in run["factors"].items() if name not in excluded_factors
+    )

@@ -1,4 +1,4 @@
-"""A study whose answer is a table: factors, and metrics over seeds.
+"""The table of a study: metrics over seeds, for each combination of factors.
 
 The JSON is stable: ``{"study", "title", "seeds", "rows", "answer", "notes", "settings", "origin",
 "wall_s", "device", "version", "command", "details"}``. Each row holds the factors that name it and,
@@ -16,90 +16,85 @@ from scipy import stats
 from swashtwin.foundation import VERSION
 from swashtwin.recordings import Recording
 
+USER_FILES = "Recordings from files of the user."
+"""Origin of recordings that do not come from the virtual rig."""
+
 
 @dataclass(frozen=True)
 class Trial:
-    """What came out once."""
+    """Values of one combination of factors under one seed."""
 
     factors: Mapping[str, str]
-    """What names its row, such as ``{"twin": "nominal"}``; every trial of a table has the same
-    names.
-    """
+    """Name of its row, such as ``{"twin": "nominal"}``; the keys are the same in a table."""
     seed: int
-    """Seed of all that was drawn."""
+    """Seed of all random draws."""
     values: Mapping[str, float]
-    """Number under each metric; NaN, or left out, where there is none."""
+    """Value of each metric; NaN or missing if it is not defined."""
 
 
 @dataclass(frozen=True, eq=False)
 class StudyTable:
-    """All that the report and the JSON of such a study are made from."""
+    """Contents of the report and of the JSON of a study."""
 
     study: str
     """Name, such as ``"calibration"``."""
     title: str
-    """What it asks, as a heading."""
+    """Question, as a heading."""
     metrics: Mapping[str, str]
-    """Heading of each metric, with its unit in brackets; only these are shown."""
+    """Heading of each metric that is shown, with its unit in brackets."""
     trials: tuple[Trial, ...]
-    """Everything that was tried, in the order in which rows are to stand."""
+    """All trials, in the order of the rows."""
     answer: tuple[str, ...]
-    """What came out, in sentences."""
+    """Answer in sentences."""
     settings: Mapping[str, Any]
     """Settings, as JSON can hold them."""
     origin: str
-    """Where the recordings come from, in words; the virtual rig says that it is none of a
-    machine's.
-    """
+    """Source of the recordings; for the virtual rig it states that they are simulated."""
     wall_s: float = 0.0
-    """How long it took [s]."""
+    """Duration of the study [s]."""
     version: str = VERSION
     """Version of swashtwin."""
     command: str = ""
-    """Command that repeats it."""
+    """Command that repeats the study."""
     notes: tuple[str, ...] = ()
-    """What a reader must know beside the numbers: limits, surprises, what was left out."""
+    """Limits and surprises that a reader of the numbers must know."""
     device: str = "cpu"
-    """What it ran on."""
+    """Device on which it ran."""
     details: Mapping[str, Any] = field(default_factory=dict)
-    """Whatever else a reader may check, as JSON can hold it: single cases, splits, chosen
-    settings.
-    """
+    """Further results that a reader may check, as JSON can hold them."""
 
     @property
     def seeds(self) -> tuple[int, ...]:
-        """Seeds that were run, in order."""
+        """Seeds in ascending order."""
         return tuple(sorted({trial.seed for trial in self.trials}))
 
     @property
     def factors(self) -> tuple[str, ...]:
-        """Names of what was varied."""
+        """Names of the factors that were varied."""
         return tuple(self.trials[0].factors) if self.trials else ()
 
     def values(self, metric: str, **factors: str) -> list[float]:
-        """The metric of every trial of those factors."""
-        return [trial.values.get(metric, float("nan")) for trial in self.of(**factors)]
+        """Return a metric of each trial with these factors."""
+        return [trial.values.get(metric, math.nan) for trial in self.select(**factors)]
 
-    def of(self, **factors: str) -> list[Trial]:
-        """Trials that have those factors."""
-        return [
-            trial
-            for trial in self.trials
-            if all(trial.factors[name] == want for name, want in factors.items())
-        ]
+    def select(self, **factors: str) -> list[Trial]:
+        """Return the trials with these factors."""
+        return [trial for trial in self.trials if factors.items() <= trial.factors.items()]
 
     def rows(self) -> list[dict[str, Any]]:
-        """One row for each set of factors."""
+        """Return one row for each combination of factors."""
         keys = dict.fromkeys(tuple(trial.factors.items()) for trial in self.trials)
+
         rows = []
         for key in keys:
             factors = dict(key)
             spreads = {metric: spread(self.values(metric, **factors)) for metric in self.metrics}
             rows.append({**factors, **spreads})
+
         return rows
 
     def to_dict(self) -> dict[str, Any]:
-        """The study's JSON."""
+        """Return the JSON of the study."""
         return {
             "study": self.study,
             "title": self.title,
@@ -118,7 +113,7 @@ class StudyTable:
 
 
 def spread(values: Sequence[float]) -> dict[str, Any]:
-    """Mean, standard deviation (of the sample; None for one value) and the values themselves."""
+    """Return mean, sample standard deviation (None for one value) and the values."""
     finite = [value for value in values if math.isfinite(value)]
     return {
         "mean": float(np.mean(finite)) if finite else None,
@@ -130,13 +125,15 @@ def spread(values: Sequence[float]) -> dict[str, Any]:
 def paired_interval(
     differences: Sequence[float], test_share: float | None = None
 ) -> tuple[float, float]:
-    """95 % interval of the mean of paired differences, by Student's t; NaN for one pair.
+    """Return the 95 % interval of the mean of paired differences; NaN for one pair.
+
+    It is Student's, or that of the corrected resampled t test.
 
     Parameters
     ----------
-    test_share : test recordings over training recordings, where the pairs are splits of the same
-        recordings: the variance is then (1/n + test_share) s² instead of s²/n (Nadeau and Bengio
-        2003, DOI 10.1023/A:1024068626366).
+    test_share : ratio of test to training recordings, if the pairs are splits of the same
+        recordings. Such pairs are correlated, so the variance is (1/n + test_share) s² instead of
+        s²/n (Nadeau and Bengio 2003, DOI 10.1023/A:1024068626366).
 
     Examples
     --------
@@ -146,21 +143,24 @@ def paired_interval(
     values = np.asarray(differences, dtype=float)
     if values.size < 2:
         return math.nan, math.nan
-    factor = 1 / values.size + (test_share or 0.0)
-    half = float(stats.t.ppf(0.975, values.size - 1)) * math.sqrt(factor * values.var(ddof=1))
+
+    variance_factor = 1 / values.size + (test_share or 0.0)
+    standard_error = math.sqrt(variance_factor * values.var(ddof=1))
+    half_width = float(stats.t.ppf(0.975, values.size - 1)) * standard_error
+
     mean = float(values.mean())
-    return mean - half, mean + half
+    return mean - half_width, mean + half_width
 
 
 def describe_origin(recordings: Sequence[Recording]) -> str:
-    """Where recordings come from, in words; those of the virtual rig say that they are none of a
-    machine's.
-    """
+    """Return the source of recordings; for the virtual rig with a warning that it is simulated."""
     origins = sorted({recording.attributes.get("origin", "") for recording in recordings} - {""})
     if not origins:
-        return "Recordings from files of the user."
+        return USER_FILES
+
     return (
-        f"Recordings of the {'; '.join(origins)}: a stand-in for a machine. It shares the model's equations and "
-        "the pump's drawing with the twin, and most training sets spread severities as its version 1 does. No figure "
-        "here says how well the method works on a real pump."
+        f"Recordings of the {'; '.join(origins)}: a stand-in for a machine. The rig shares the "
+        "equations of the model and the drawing of the pump with the twin, and most training sets "
+        "spread severities as version 1 of the rig does. No figure here shows how well the method "
+        "works on a real pump."
     )

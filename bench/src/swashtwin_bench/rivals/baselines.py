@@ -1,6 +1,4 @@
-"""Classifiers of scikit-learn on vibration features, as networks whose weights are found at
-once.
-"""
+"""Classifiers of scikit-learn on vibration features, as networks that are solved, not trained."""
 
 from typing import Any, ClassVar
 
@@ -15,19 +13,19 @@ from sklearn.svm import SVC
 from swashtwin.learning import SolvedNetwork, TrainingSettings, feature_values, register_network
 
 UNSCALED = TrainingSettings(epochs=1, normalization="none")
-"""Training on features, which need no scaling of the windows."""
+"""Training on features: they need no scaling of the windows, and no epochs."""
 
 
 class OnFeatures(SolvedNetwork):
-    """A classifier on `feature_values`, each in deviations of the training's; it cannot be saved.
+    """A classifier on standardized `feature_values`; it cannot be saved.
 
-    The logarithm of a probability is the log-softmax of its decision values; with two classes, of
-    (-d, d). Its height means little until `learn_confidence` calibrates it. No setting was chosen
-    by any score of this package.
+    The logarithm of a probability is the log-softmax of the decision values; for two classes, of
+    (-d, d). These probabilities are not calibrated before `learn_confidence`. No setting was
+    selected by a score of this package.
     """
 
     estimator: ClassVar[Any]
-    """The classifier, not fitted."""
+    """The unfitted classifier."""
 
     def __init__(self, n_channels: int, n_classes: int) -> None:
         super().__init__(n_channels=n_channels, n_classes=n_classes)
@@ -38,7 +36,7 @@ class OnFeatures(SolvedNetwork):
         windows: Float32[np.ndarray, "window channel time"],
         turns: Float[np.ndarray, " window"],
     ) -> Float32[np.ndarray, "window feature"]:
-        """`feature_values`; the speed is not looked at."""
+        """Return `feature_values`, which do not depend on the speed."""
         return feature_values(windows).astype(np.float32)
 
     def solve(
@@ -48,14 +46,13 @@ class OnFeatures(SolvedNetwork):
         seed: int,
     ) -> None:
         """Fit the classifier."""
-        self._fitted = make_pipeline(StandardScaler(), self.estimator).fit(
-            values.astype(np.float64), target
-        )
+        pipeline = make_pipeline(StandardScaler(), self.estimator)
+        self._fitted = pipeline.fit(values.astype(np.float64), target)
 
     def scores(
         self, values: Float32[np.ndarray, "window feature"]
     ) -> Float64[np.ndarray, "window class"]:
-        """Logarithm of each class's probability."""
+        """Return the logarithm of the probability of each class."""
         decision = self._fitted.decision_function(values.astype(np.float64))
         if decision.ndim == 1:
             decision = np.stack([-decision, decision], axis=1)
@@ -63,8 +60,9 @@ class OnFeatures(SolvedNetwork):
 
 
 class SupportVectors(OnFeatures):
-    """Support vector machine with a Gaussian kernel (Cortes and Vapnik 1995, DOI
-    10.1007/BF00994018).
+    """Support vector machine with a Gaussian kernel (Cortes and Vapnik 1995).
+
+    DOI 10.1007/BF00994018.
     """
 
     name: ClassVar[str] = "svm"
@@ -79,8 +77,9 @@ class Logistic(OnFeatures):
 
 
 class Ridge(OnFeatures):
-    """Ridge classifier, penalty by cross-validation (Hoerl and Kennard 1970, DOI
-    10.1080/00401706.1970.10488634).
+    """Ridge classifier, penalty by cross-validation (Hoerl and Kennard 1970).
+
+    DOI 10.1080/00401706.1970.10488634.
     """
 
     name: ClassVar[str] = "ridge"
@@ -88,10 +87,10 @@ class Ridge(OnFeatures):
 
 
 BASELINES: tuple[type[OnFeatures], ...] = (SupportVectors, Logistic, Ridge)
-"""The classifiers."""
+"""All classifiers of this module."""
 
 ON_FEATURES = ("extra_trees", "random_forest", *(baseline.name for baseline in BASELINES))
-"""Names of all networks on features."""
+"""Names of all networks that use features instead of windows."""
 
 for _baseline in BASELINES:
     register_network(_baseline.name, _baseline)

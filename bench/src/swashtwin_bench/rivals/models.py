@@ -1,7 +1,4 @@
-"""Classifiers of the studies by name: which network, with which settings, trained how.
-
-What BiTCN is by default stands here and nowhere else.
-"""
+"""Classifiers of the studies by name: kind, settings and training."""
 
 import difflib
 from collections.abc import Callable, Iterable, Mapping
@@ -28,27 +25,30 @@ from swashtwin_bench.rivals.baselines import ON_FEATURES, UNSCALED
 
 @dataclass(frozen=True)
 class Model:
-    """A classifier before it was trained."""
+    """An untrained classifier."""
 
     kind: str
     """Name in `NETWORKS`, or `BEST_CANDIDATE`."""
     network: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of a network that differ from its own defaults."""
+    """Settings of a network that differ from its defaults."""
     training: TrainingSettings = field(default_factory=TrainingSettings)
-    """How a network is trained."""
+    """Training settings of a network."""
 
     @property
     def is_network(self) -> bool:
-        """Whether it is trained in epochs; a single training has a loss curve, and features to
-        embed.
-        """
+        """Whether it is trained in epochs: then it has a loss curve, and features to embed."""
         return self.kind in NETWORKS and self.kind not in ON_FEATURES
 
     def describe(self) -> dict[str, Any]:
-        """Settings as JSON can hold them, a network's own defaults among them."""
+        """Return all settings, including defaults of the network, as JSON can hold them."""
         if self.kind == BEST_CANDIDATE:
-            return {"kind": self.kind, "candidates": [repr(candidate) for candidate in CANDIDATES],
-                    "training": DISTURBED_TRAINING.to_dict()}  # fmt: skip
+            return {
+                "kind": self.kind,
+                "candidates": [repr(candidate) for candidate in CANDIDATES],
+                "training": DISTURBED_TRAINING.to_dict(),
+            }
+
+        # The numbers of channels and classes are those of the data; here any will do.
         settings = build_network(self.kind, 1, 2, **self.network).settings
         network = {
             name: value
@@ -58,20 +58,20 @@ class Model:
         return {"kind": self.kind, "network": network, "training": self.training.to_dict()}
 
     def with_training(self, **changes: Any) -> "Model":
-        """The same with other training settings."""
+        """Return the model with other training settings."""
         return replace(self, training=replace(self.training, **changes))
 
 
 BEST_CANDIDATE = "chosen"
-"""What training chooses where nothing is set (`fit_best_candidate`)."""
+"""Name of the default training, which selects among candidates (`fit_best_candidate`)."""
 
-DEFAULT = "spectral_bitcn"
-"""The network that studies train where they do not compare networks: ours."""
+OWN_NETWORK = "spectral_bitcn"
+"""Our network, which studies train unless they compare networks."""
 
 BITCN: Mapping[str, Any] = {"stride": 16, "channels": (32,) * 6}
-"""Settings of the paper's BiTCN and its ablations in every size: an entry that takes patches of 16
-samples, units of 32 features. At full rate one training of the paper costs 8 hours of CPU
-(docs/explanation/networks.md).
+"""Settings of the paper's BiTCN in every size: patches of 16 samples, units of 32 features.
+
+At the full rate one training of the paper takes 8 hours of CPU time (docs/explanation/networks.md).
 """
 
 TRAINING: Mapping[str, TrainingSettings] = {
@@ -79,50 +79,60 @@ TRAINING: Mapping[str, TrainingSettings] = {
     "medium": RECOMMENDED_TRAINING,
     "paper": RECOMMENDED_TRAINING,
 }
-"""How every network is trained, by size. Both scale by the training set's deviation, so that the
-level, which a condition changes, is kept.
-"""
+"""Training of all networks by size.
 
+Windows are scaled by the standard deviation of the training set, so that their amplitude, which
+depends on the operating point, is kept.
+"""
 
 NOISY = "spectral_noise"
-"""Our network trained in twice the epochs with noise down to 0 dB, new in each epoch, on half the
-windows.
+"""Our network trained with noise on half the windows, down to 0 dB and new in each epoch.
+
+It has twice as many epochs.
 """
 
 
-def _models(size: str) -> dict[str, Model]:
-    names = [name for name in NETWORKS if name not in ON_FEATURES]
-    return {
-        **{name: Model(name, BITCN if name == "bitcn" else {}, TRAINING[size]) for name in names},
-        NOISY: Model(
-            DEFAULT, {}, replace(TRAINING[size], noise_snr=0.0, epochs=2 * TRAINING[size].epochs)
-        ),
-        BEST_CANDIDATE: Model(BEST_CANDIDATE),
-        **{name: Model(name, {}, UNSCALED) for name in ON_FEATURES},
-    }
+def _build_models(size: str) -> dict[str, Model]:
+    training = TRAINING[size]
+    noisy_training = replace(training, noise_snr=0.0, epochs=2 * training.epochs)
+
+    models = {}
+    for name in NETWORKS:
+        if name not in ON_FEATURES:
+            models[name] = Model(name, BITCN if name == "bitcn" else {}, training)
+    models[NOISY] = Model(OWN_NETWORK, {}, noisy_training)
+    models[BEST_CANDIDATE] = Model(BEST_CANDIDATE)
+    for name in ON_FEATURES:
+        models[name] = Model(name, {}, UNSCALED)
+
+    return models
 
 
-MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
-"""Models by size and name: every network, ours with noise, and ``chosen``, what a user gets who
-sets nothing.
-"""
+MODELS: dict[str, dict[str, Model]] = {size: _build_models(size) for size in TRAINING}
+"""Models by size and name: all networks, ours with noise, and the default training ``chosen``."""
 
 
 def select_models(size: str, names: Iterable[str]) -> dict[str, Model]:
-    """Models of a size by name.
+    """Return models of a size by name.
 
     Raises
     ------
     InputError
-        There is none of that name.
+        A name does not exist.
     """
     models = MODELS[size]
+
+    selected = {}
     for name in names:
         if name not in models:
-            near = difflib.get_close_matches(name.lower(), models, n=1, cutoff=0.3)
-            hint = f"did you mean {near[0]!r}? There" if near else "there"
-            raise InputError(f"no model is called {name!r}; {hint} are {', '.join(models)}.")
-    return {name: models[name] for name in names}
+            suggestions = difflib.get_close_matches(name.lower(), models, n=1, cutoff=0.3)
+            hint = f"Did you mean {suggestions[0]!r}? " if suggestions else ""
+            raise InputError(
+                f"Unknown classifier {name!r}. {hint}Must be one of {', '.join(models)}."
+            )
+        selected[name] = models[name]
+
+    return selected
 
 
 def train_model(
@@ -135,21 +145,24 @@ def train_model(
     checkpoint: Path | None = None,
     progress: Callable[[Epoch], None] | None = None,
 ) -> FittedClassifier:
-    """The model, trained.
+    """Train a model.
 
     Parameters
     ----------
     train : training windows, measured and synthetic.
     seed : seed of weights, order and trees.
-    manifest : recordings that had a part without standing in `train`.
-    device : where a network is trained; those on features take the CPU.
-    checkpoint : file that a network saves to after each epoch and goes on from; deleted at the end.
+    manifest : further recordings that contributed to the training windows.
+    device : device of a network; models on features use the CPU.
+    checkpoint : file to which a network is saved after each epoch, and from which an interrupted
+        training continues; it is deleted at the end.
     progress : called after each epoch of a network.
     """
     if model.kind == BEST_CANDIDATE:
         return fit_best_candidate(train, manifest=manifest, seed=seed)
+
+    network = build_network(model.kind, train.n_channels, len(train.classes), **model.network)
     classifier = fit(
-        build_network(model.kind, train.n_channels, len(train.classes), **model.network),
+        network,
         train,
         settings=model.training,
         seed=seed,

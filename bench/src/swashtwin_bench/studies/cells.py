@@ -1,4 +1,4 @@
-"""Recordings in the cells of a study's plan, and as many windows of each as it asks for."""
+"""Recordings by cell (specimen, class and pressure), and windows cut evenly from them."""
 
 from collections.abc import Sequence
 
@@ -11,42 +11,45 @@ from swashtwin.recordings import Recording
 
 
 def recordings_by_cell(recordings: Sequence[Recording], study: str) -> list[list[Recording]]:
-    """Recordings of each specimen, class and discharge pressure.
+    """Return the recordings of each specimen, class and discharge pressure.
 
     Parameters
     ----------
-    study : what the study is called where something is missing.
+    study : name of the study in error messages.
 
     Raises
     ------
     DataError
-        A recording does not say what it is of.
+        A recording does not specify its label, specimen or operating point.
     """
-    recordings = sorted(recordings, key=lambda r: r.recording_id)
-    cells: dict[tuple[str, str, float], list[Recording]] = {}
-    for recording in recordings:
+    ordered = sorted(recordings, key=lambda recording: recording.recording_id)
+    pressures = []
+    for recording in ordered:
         if recording.label is None or recording.specimen is None or recording.condition is None:
             raise DataError(
-                f"{recording.recording_id}: {study} needs label, specimen, speed and discharge_pressure of every "
-                "recording; write them into the index."
+                f"{recording.recording_id}: {study} needs label, specimen, speed and "
+                "discharge_pressure of every recording. Write them into the index."
             )
-    stated = np.array(
-        [r.condition.discharge_pressure for r in recordings if r.condition is not None]
-    )
-    for recording, pressure in zip(
-        recordings, merge_close_values(stated, PRESSURE_TOLERANCE), strict=True
-    ):
-        cells.setdefault(
-            (str(recording.specimen), str(recording.label), float(pressure)), []
-        ).append(recording)
+        pressures.append(recording.condition.discharge_pressure)
+
+    # Set pressures scatter from recording to recording: close ones are the same cell.
+    cell_pressures = merge_close_values(np.array(pressures), PRESSURE_TOLERANCE)
+
+    cells: dict[tuple[str, str, float], list[Recording]] = {}
+    for recording, pressure in zip(ordered, cell_pressures, strict=True):
+        cell = (str(recording.specimen), str(recording.label), float(pressure))
+        cells.setdefault(cell, []).append(recording)
+
     return list(cells.values())
 
 
 def order_classes(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Classes of the recordings: the paper's order where it knows them all, else the alphabet's."""
-    labels = {str(r.label) for r in recordings}
-    in_order = tuple(name for name in CLASSES if name in labels)
-    return in_order if len(in_order) == len(labels) else tuple(sorted(labels))
+    """Return the classes in the order of the paper if it has all of them, else alphabetically."""
+    labels = {str(recording.label) for recording in recordings}
+    paper_classes = tuple(name for name in CLASSES if name in labels)
+    if len(paper_classes) == len(labels):
+        return paper_classes
+    return tuple(sorted(labels))
 
 
 def cut_evenly(
@@ -57,17 +60,19 @@ def cut_evenly(
     like: WindowSet | None = None,
     classes: Sequence[str] = CLASSES,
 ) -> WindowSet:
-    """About `count` windows of each recording, evenly spaced and never overlapping.
+    """Cut about `count` windows of each recording, evenly spaced and never overlapping.
 
     Parameters
     ----------
     length : samples per window.
-    count : windows of the shortest recording.
-    like : windows whose length and classes are taken over.
-    classes : class names, where there is no `like`.
+    count : number of windows of the shortest recording.
+    like : windows that specify length and classes.
+    classes : class names, without `like`.
     """
-    shortest = min(r.signal.shape[1] for r in recordings)
+    shortest = min(recording.signal.shape[1] for recording in recordings)
     stride = max(length, (shortest - length) // max(1, count - 1))
     if like is not None:
-        length, classes = like.length, like.classes
+        length = like.length
+        classes = like.classes
+
     return cut_windows(list(recordings), length=length, stride=stride, classes=tuple(classes))

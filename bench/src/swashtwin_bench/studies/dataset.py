@@ -1,6 +1,4 @@
-"""Data of one seed, from which training sets and tests are made: window sets by role, and
-calibrated twins.
-"""
+"""Data of one seed: windows by role, and calibrated twins."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,48 +24,49 @@ from swashtwin_bench.studies.cells import cut_evenly, order_classes
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, ScenarioSplit, split_scenario
 
 RECESS = "swash_plate"
-"""Class of the fault whose law has unknowns."""
+"""Class of the fault whose law is calibrated."""
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationTask:
-    """One calibration, to be run, or to be read where a file of it exists."""
+    """A calibration that is run, or read if its file exists."""
 
     specimen: str
-    """Machine whose recordings it learns from."""
+    """Machine of its recordings."""
     label: str
     """Class of its recordings."""
     twins: tuple[Twin, ...]
-    """Where it starts."""
+    """Twins from which it starts."""
     recordings: tuple[Recording, ...]
-    """What it learns from; training recordings, all of them."""
+    """Recordings it is calibrated on, all of them training recordings."""
     method: Calibrator
     nuisances: Nuisances
     seed: int
     law: Fault | None = None
-    """Recess whose law is searched too."""
+    """Recess whose law is calibrated too."""
 
     @property
     def key(self) -> str:
-        """Name of its folder: specimen and class to be read, and a hash of all that decides the
-        result.
-        """
+        """Name of its folder: specimen and class for the reader, and a hash that identifies it."""
         starts = [[repr(twin.pump), repr(twin.condition), repr(twin.fault)] for twin in self.twins]
         data = [
             (recording.recording_id, repr(recording.condition), recording.fingerprint())
             for recording in self.recordings
         ]
         law = () if self.law is None else (self.law,)
-        text = repr((FORMAT, starts, data, self.method, self.nuisances, self.seed, *law))
-        return f"{safe_file_name(f'{self.specimen}-{self.label}')}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        contents = repr((FORMAT, starts, data, self.method, self.nuisances, self.seed, *law))
+        digest = hashlib.sha256(contents.encode()).hexdigest()[:16]
+
+        return f"{safe_file_name(f'{self.specimen}-{self.label}')}-{digest}"
 
 
 def run_calibration(task: CalibrationTask, out: Path | None) -> Calibration:
-    """The calibration: read from ``OUT/calibrations/KEY`` where it lies there, else run and saved
-    there.
-    """
-    if (finished := load_finished_calibration(out, task.key)) is not None:
+    """Return the calibration, which is read from ``OUT/calibrations/KEY`` if it is finished."""
+    finished = load_finished_calibration(out, task.key)
+    if finished is not None:
         return finished
+
+    # Neither phases nor an explanation of the misfit is used by a study.
     calibration = calibrate(
         task.twins,
         task.recordings,
@@ -79,92 +78,105 @@ def run_calibration(task: CalibrationTask, out: Path | None) -> Calibration:
         seed=task.seed,
     )
     if out is not None:
-        calibration.save(Path(out) / "calibrations" / task.key / "calibration.json")
+        calibration.save(_calibration_file(out, task.key))
+
     return calibration
 
 
 def load_finished_calibration(out: Path | None, key: str) -> Calibration | None:
-    """The calibration of that key in ``OUT/calibrations``, or None where there is no file of it."""
-    path = None if out is None else Path(out) / "calibrations" / key / "calibration.json"
-    return load_calibration(path) if path is not None and path.is_file() else None
+    """Return the calibration of that key in ``OUT/calibrations``, or None if it has no file."""
+    if out is None or not _calibration_file(out, key).is_file():
+        return None
+    return load_calibration(_calibration_file(out, key))
+
+
+def _calibration_file(out: Path, key: str) -> Path:
+    return Path(out) / "calibrations" / key / "calibration.json"
 
 
 @dataclass(frozen=True, eq=False)
 class StudyDataset:
-    """Windows and calibrated twins that one seed trains and tests on."""
+    """Windows and calibrated twins that one seed is trained and tested on."""
 
     seed: int
     scenario: Scenario
     measured: WindowSet
-    """Measured training windows, the few of the scarce cells among them."""
+    """Measured training windows, including the few of the scarce cells."""
     tests: Mapping[str, WindowSet]
-    """Measured test windows by split, every class alike."""
+    """Measured test windows by split, equally many of all classes."""
     test_recordings: Mapping[str, tuple[Recording, ...]]
-    """Recordings of the tests, where noise is to be added to them; else empty."""
+    """Recordings of the tests by split, if they are to be perturbed; else empty."""
     calibrations: Mapping[tuple[str, str], Calibration]
-    """By specimen and class; empty once no twin is needed any more."""
+    """Calibrations by specimen and class; empty after the cells are filled."""
     calibrated_on: tuple[str, ...]
     """Recordings that twins were calibrated on."""
     split: ScenarioSplit
 
     @property
     def manifest(self) -> tuple[str, ...]:
-        """Recordings that no test may hold besides those of the training set: calibration's, and
-        the references.
+        """Recordings that no test may contain, besides those of the training windows.
+
+        They are those of the calibrations and the references.
         """
         return tuple(sorted({*self.calibrated_on, *self.split.references}))
 
     def roles(self) -> dict[str, list[str]]:
-        """Recording ids by role."""
-        tests = {name: set(windows.recording_id.tolist()) for name, windows in self.tests.items()}
-        train = set(self.measured.recording_id.tolist())
-        roles = {
-            "train": train,
-            **tests,
-            "calibration": set(self.calibrated_on),
-            "reference": self.split.references,
-        }
-        return {name: sorted(ids) for name, ids in roles.items()}
+        """Return the recording ids by role."""
+        ids_by_role: dict[str, Iterable[str]] = {"train": set(self.measured.recording_id.tolist())}
+        for split, windows in self.tests.items():
+            ids_by_role[split] = set(windows.recording_id.tolist())
+        ids_by_role["calibration"] = set(self.calibrated_on)
+        ids_by_role["reference"] = self.split.references
+
+        return {role: sorted(ids) for role, ids in ids_by_role.items()}
 
     def conditions(self) -> list[OperatingCondition]:
-        """Operating conditions of the scarce cells: their pressure, at each speed of the training
-        recordings.
-        """
+        """Return the operating points of the scarce cells: one for each speed of the training."""
         speeds = self.measured.speed
-        speed_group = merge_close_values(speeds, SPEED_TOLERANCE)
-        means = [
-            float(speeds[speed_group == speed].mean())
-            for speed in np.unique(speed_group[~np.isnan(speed_group)])
-        ]
-        return [
-            OperatingCondition(speed=speed, discharge_pressure=self.scenario.pressure)
-            for speed in means
-        ]
+        # Speeds scatter from recording to recording: close ones are averaged.
+        groups = merge_close_values(speeds, SPEED_TOLERANCE)
+
+        conditions = []
+        for group in np.unique(groups[~np.isnan(groups)]):
+            speed = float(speeds[groups == group].mean())
+            conditions.append(
+                OperatingCondition(speed=speed, discharge_pressure=self.scenario.pressure)
+            )
+
+        return conditions
 
     def calibrations_for(self, label: str) -> list[Calibration]:
-        """Calibrations that a class is simulated with, one for each training specimen."""
-        scarce = self.scenario.scarce
-        source = label if label in scarce else scarce[0]
-        source = "normal" if self.scenario.calibrated_on == "law" else source
+        """Return the calibrations that simulate a class, one for each training specimen."""
+        if self.scenario.calibrated_on == "law":
+            source = "normal"
+        elif label in self.scenario.scarce:
+            source = label
+        else:
+            # A class that is not scarce has no calibration; the pump is the same.
+            source = self.scenario.scarce[0]
+
         return [self.calibrations[key] for key in sorted(self.calibrations) if key[1] == source]
 
 
 def calibration_tasks(
     recordings: Sequence[Recording], scenario: Scenario, seed: int
 ) -> list[CalibrationTask]:
-    """Calibrations that the twins of a scenario need: recordings that train, and no others."""
+    """Return the calibrations that the twins of a scenario need, on training recordings only."""
     split = split_scenario(recordings, scenario, seed)
-    lender_ids = {
-        name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)
-    }
-    trained_on = [r for r in recordings if r.recording_id in split.train | lender_ids]
+    training_ids = set(split.train)
+    for ids in split.scarce.values():
+        training_ids.update(_select_lenders(recordings, ids, scenario))
+    training = [r for r in recordings if r.recording_id in training_ids]
+
     has_law = scenario.calibrated_on == "law"
     tasks = []
     for label in ("normal",) if has_law else scenario.scarce:
-        of_label = [r for r in trained_on if r.label == label or (has_law and r.label == RECESS)]
-        for specimen in sorted({str(r.specimen) for r in of_label}):
-            own = [r for r in of_label if r.specimen == specimen]
-            tasks.append(_calibration_task(specimen, label, own, scenario, seed))
+        labels = (label, RECESS) if has_law else (label,)
+        of_label = [recording for recording in training if recording.label in labels]
+        for specimen in sorted({str(recording.specimen) for recording in of_label}):
+            of_specimen = [recording for recording in of_label if recording.specimen == specimen]
+            tasks.append(_build_calibration_task(specimen, label, of_specimen, scenario, seed))
+
     return tasks
 
 
@@ -176,186 +188,223 @@ def prepare_dataset(
     *,
     noisy_tests: bool = False,
 ) -> StudyDataset:
-    """Windows of every role under `seed`.
+    """Return the windows of all roles under `seed`.
 
     Parameters
     ----------
     calibrations : the tasks of `calibration_tasks`, each with its result.
-    noisy_tests : keep the recordings of the tests, for noise to be added.
+    noisy_tests : keep the recordings of the tests, to perturb them.
     """
     split = split_scenario(recordings, scenario, seed)
-    lenders = [_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
     by_id = {recording.recording_id: recording for recording in recordings}
-    by_task = {(task.specimen, task.label): calibration for task, calibration in calibrations}
+    lenders = [_select_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
 
-    train = [by_id[name] for name in sorted(split.train)]
     measured = cut_evenly(
-        train, length=scenario.length, count=scenario.windows, classes=order_classes(recordings)
+        [by_id[name] for name in sorted(split.train)],
+        length=scenario.length,
+        count=scenario.windows,
+        classes=order_classes(recordings),
     )
     if scenario.class_windows is not None:
-        measured = _counted(measured, scenario)
+        measured = _limit_class_windows(measured, scenario, scenario.class_windows)
     for ids in lenders:
-        measured = measured + _scarce_windows(
-            [r for r in recordings if r.recording_id in ids], scenario, measured
-        )
-    tests = {
-        name: cut_test([by_id[i] for i in sorted(ids)], scenario, measured)
-        for name, ids in split.tests.items()
-    }
+        in_cell = [recording for recording in recordings if recording.recording_id in ids]
+        measured = measured + _cut_scarce_windows(in_cell, scenario, measured)
+
+    tests = {}
+    for name, test_ids in split.tests.items():
+        in_test = [by_id[test_id] for test_id in sorted(test_ids)]
+        tests[name] = cut_test(in_test, scenario, measured)
     if RANDOM_WINDOWS in tests:
         measured, tests[RANDOM_WINDOWS] = deal_windows(measured, tests[RANDOM_WINDOWS], seed)
+
+    test_recordings = {}
+    if noisy_tests:
+        for name, windows in tests.items():
+            used_ids = sorted(set(windows.recording_id.tolist()))
+            test_recordings[name] = tuple(by_id[used_id] for used_id in used_ids)
+
+    by_task = {(task.specimen, task.label): calibration for task, calibration in calibrations}
+    calibrated_on: set[str] = set()
+    for calibration in by_task.values():
+        calibrated_on.update(calibration.recording_ids)
+
     return StudyDataset(
         seed=seed,
         scenario=scenario,
         measured=measured,
         tests=tests,
-        test_recordings={
-            test_name: tuple(by_id[name] for name in sorted(set(windows.recording_id.tolist())))
-            for test_name, windows in tests.items()
-            if noisy_tests
-        },
+        test_recordings=test_recordings,
         calibrations=by_task,
-        calibrated_on=tuple(
-            sorted({name for calibration in by_task.values() for name in calibration.recording_ids})
-        ),
+        calibrated_on=tuple(sorted(calibrated_on)),
         split=split,
     )
 
 
 def deal_windows(measured: WindowSet, test: WindowSet, seed: int) -> tuple[WindowSet, WindowSet]:
-    """(training windows, test windows): the same windows, dealt anew in each class and pressure of
-    the test.
+    """Return the same training and test windows, dealt again at random.
 
-    Split L0, as many papers do. Each cell keeps its numbers of training and of test windows;
-    only which window is which is drawn. So the scores differ from those of the split by recording
-    by the leak alone.
+    This is split L0, as in many papers. Each class and pressure of the test keeps its numbers of
+    training and of test windows; only which window is which is drawn. The scores differ from those
+    of the split by recording by the leak alone.
 
     Parameters
     ----------
     measured : measured training windows.
     test : test windows of other recordings, cut like them.
+
+    Returns
+    -------
+    Training windows and test windows.
     """
     pool = measured + test
-    label, pressure = pool.label, pool.cell_pressure
-    in_training = np.arange(len(pool)) < len(measured)
+    labels = pool.label
+    pressures = pool.cell_pressure
+    is_training = np.arange(len(pool)) < len(measured)
+    tested_cells = set(
+        zip(labels[~is_training].tolist(), pressures[~is_training].tolist(), strict=True)
+    )
+
     rng = random_stream(seed, "random windows")
-    tested = zip(label[len(measured) :].tolist(), pressure[len(measured) :].tolist(), strict=True)
-    for name, value in sorted(set(tested)):
-        cell = np.flatnonzero((label == name) & (pressure == value))
+    for label, pressure in sorted(tested_cells):
+        cell = np.flatnonzero((labels == label) & (pressures == pressure))
+        n_training = np.count_nonzero(is_training[cell])
         dealt = rng.permutation(cell)
-        in_training[dealt] = np.arange(len(dealt)) < np.count_nonzero(in_training[cell])
-    return pool.subset(in_training), pool.subset(~in_training)
+        is_training[dealt] = np.arange(len(dealt)) < n_training
+
+    return pool.subset(is_training), pool.subset(~is_training)
 
 
 def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
-    """Test windows of recordings: as many of each class as the scenario says, evenly over the
-    class's recordings.
-    """
+    """Cut test windows: equally many of each class, evenly over the recordings of the class."""
     windows = cut_evenly(recordings, length=scenario.length, count=scenario.windows, like=like)
     counts = {name: int((windows.label == name).sum()) for name in like.classes}
-    present = [count for count in counts.values() if count]
-    count = min(present) if scenario.test_windows is None else scenario.test_windows
-    if min(present) < count:
-        scarcest = min(counts, key=lambda name: counts[name] or len(windows))
+    counts = {name: count for name, count in counts.items() if count}
+
+    smallest_class = min(counts, key=lambda name: counts[name])
+    count = scenario.test_windows
+    if count is None:
+        count = counts[smallest_class]
+    if counts[smallest_class] < count:
         raise DataError(
-            f"{count} test windows of each class are wanted, and {scarcest} has {counts[scarcest]}; record longer or "
-            "more often, or ask for less."
+            f"The scenario needs {count} test windows of each class, and {smallest_class} has "
+            f"{counts[smallest_class]}. Record longer or more often, or reduce test_windows."
         )
-    by_class = [np.flatnonzero(windows.label == name) for name in like.classes if counts[name]]
-    return windows.subset(
-        np.sort(np.concatenate([of_class[_evenly(len(of_class), count)] for of_class in by_class]))
-    )
+
+    selected = []
+    for name in counts:
+        of_class = np.flatnonzero(windows.label == name)
+        selected.append(of_class[_spread_evenly(len(of_class), count)])
+
+    return windows.subset(np.sort(np.concatenate(selected)))
 
 
-def _counted(measured: WindowSet, scenario: Scenario) -> WindowSet:
-    """As many training windows of each class as the scenario says, before those of the scarce cells
-    come in.
-    """
-    chosen = []
+def _limit_class_windows(measured: WindowSet, scenario: Scenario, class_windows: int) -> WindowSet:
+    """Return `class_windows` windows of each class, less those that its scarce cell will get."""
+    selected = []
     for name in measured.classes:
         of_class = np.flatnonzero(measured.label == name)
-        in_cell = scenario.scarce_windows + scenario.synthetic if name in scenario.scarce else 0
-        count = (scenario.class_windows or 0) - in_cell
+        count = class_windows
+        if name in scenario.scarce:
+            count -= scenario.scarce_windows + scenario.synthetic
         if not 0 <= count <= len(of_class):
             raise DataError(
-                f"{count} training windows of {name} are wanted outside the scarce cell, and there are "
-                f"{len(of_class)}; record longer or more often, or ask for less."
+                f"The scenario needs {count} training windows of {name} outside the scarce cell, "
+                f"and there are {len(of_class)}. Record longer or more often, or reduce "
+                "class_windows."
             )
-        chosen.append(of_class[_evenly(len(of_class), count)])
-    return measured.subset(np.sort(np.concatenate(chosen)))
+        selected.append(of_class[_spread_evenly(len(of_class), count)])
+
+    return measured.subset(np.sort(np.concatenate(selected)))
 
 
 def cut_again(recordings: Sequence[Recording], windows: WindowSet) -> WindowSet:
-    """The same windows cut again, from other signals of the same recordings."""
-    by_id = {recording.recording_id: recording.signal for recording in recordings}
+    """Return the same windows, cut from other signals of the same recordings."""
+    signal_by_id = {recording.recording_id: recording.signal for recording in recordings}
     signal = [
-        by_id[name][:, start : start + windows.length]
+        signal_by_id[name][:, start : start + windows.length]
         for name, start in zip(windows.recording_id.tolist(), windows.start.tolist(), strict=True)
     ]
     return replace(windows, signal=np.array(signal, dtype=np.float32))
 
 
 def count_cells(windows: WindowSet) -> dict[str, int]:
-    """Windows by class and pressure in words; how many are synthetic, where any is."""
-    named = {}
+    """Return the number of windows by class and pressure, and of synthetic ones if any."""
+    counts = {}
     for (label, pressure), count in windows.counts().items():
-        words = "unknown pressure" if pressure is None else f"{pressure / 1e6:g} MPa"
-        named[f"{label} @ {words}"] = count
-    synthetic = int(windows.synthetic.sum())
-    return {**named, "of them synthetic": synthetic} if synthetic else named
+        text = "unknown pressure" if pressure is None else f"{pressure / 1e6:g} MPa"
+        counts[f"{label} @ {text}"] = count
+
+    n_synthetic = int(windows.synthetic.sum())
+    if n_synthetic:
+        counts["of them synthetic"] = n_synthetic
+
+    return counts
 
 
-def _evenly(available: int, count: int) -> np.ndarray:
-    return np.floor((np.arange(count) + 0.5) * available / max(count, 1)).astype(int)
+def _spread_evenly(available: int, count: int) -> np.ndarray:
+    """Return `count` of `available` indices, evenly spaced with half a step at both ends."""
+    positions = (np.arange(count) + 0.5) * available / max(count, 1)
+    return np.floor(positions).astype(int)
 
 
-def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario) -> list[str]:
-    """The first recordings of a scarce cell that together hold as many windows as the scenario
-    needs.
-    """
-    samples = {r.recording_id: r.signal.shape[1] for r in recordings}
-    lenders, windows = [], 0
+def _select_lenders(
+    recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario
+) -> list[str]:
+    """Return the first recordings of a scarce cell that together have enough windows."""
+    n_samples = {recording.recording_id: recording.signal.shape[1] for recording in recordings}
+
+    lenders: list[str] = []
+    n_windows = 0
     for name in ids:
-        if windows >= scenario.scarce_windows:
+        if n_windows >= scenario.scarce_windows:
             break
         lenders.append(name)
-        windows += samples[name] // scenario.length
-    if windows < scenario.scarce_windows:
+        n_windows += n_samples[name] // scenario.length
+
+    if n_windows < scenario.scarce_windows:
         raise DataError(
-            f"{scenario.scarce_windows} measured windows of the scarce cell are wanted, and its training recordings "
-            f"hold {windows}."
+            f"The scenario needs {scenario.scarce_windows} measured windows of the scarce cell, "
+            f"and its training recordings have {n_windows}."
         )
     return lenders
 
 
-def _scarce_windows(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
-    """The measured windows of a scarce cell."""
+def _cut_scarce_windows(
+    lenders: Sequence[Recording], scenario: Scenario, like: WindowSet
+) -> WindowSet:
+    """Return the measured windows of a scarce cell."""
     if not lenders:
         return like.subset(np.zeros(len(like), dtype=bool))
+
     windows = cut_windows(lenders, length=like.length, classes=like.classes)
-    return windows.subset(_evenly(len(windows), scenario.scarce_windows))
+    return windows.subset(_spread_evenly(len(windows), scenario.scarce_windows))
 
 
-def _calibration_task(
+def _build_calibration_task(
     specimen: str, label: str, recordings: Sequence[Recording], scenario: Scenario, seed: int
 ) -> CalibrationTask:
-    stated = [
-        (recording.condition, recording.label)
-        for recording in recordings
-        if recording.condition is not None
-    ]
-    groups = group_by_condition([condition for condition, _ in stated])
-    conditions = [
-        stated[group[-1]][0] for group in groups if any(stated[i][1] == label for i in group)
-    ]
+    known = [recording for recording in recordings if recording.condition is not None]
+    all_conditions = [recording.condition for recording in known if recording.condition is not None]
+
+    # One twin for each operating point at which the class was recorded.
+    conditions = []
+    for group in group_by_condition(all_conditions):
+        if any(known[i].label == label for i in group):
+            conditions.append(all_conditions[group[-1]])
+
     pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
-    law = None
     if scenario.calibrated_on == "law":
         law = scenario.faults[RECESS][0]
         twins = tuple(Twin(pump, condition) for condition in conditions)
     else:
-        nearest = min(conditions, key=lambda c: abs(c.discharge_pressure - scenario.pressure))
+        law = None
+        nearest = min(
+            conditions,
+            key=lambda condition: abs(condition.discharge_pressure - scenario.pressure),
+        )
         twins = (Twin(pump, nearest, scenario.faults[label][0]),)
+
     return CalibrationTask(
         specimen, label, twins, tuple(recordings), scenario.method, scenario.nuisances, seed, law
     )

@@ -1,4 +1,4 @@
-"""Test recordings as a plant would give them: with noise, other gains, another speed."""
+"""Test recordings as in a plant: with noise, other gains, another speed."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,11 +14,11 @@ from swashtwin_bench.studies.dataset import StudyDataset, cut_again
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One change of whole recordings, before windows are cut from them."""
+    """A change of whole recordings, before windows are cut."""
 
     kind: NoiseKind | Literal["gain", "speed"]
     """Spectrum of noise (`add_noise`); ``"gain"``: each channel louder or quieter, uniform in dB;
-    ``"speed"``: time stretched, uniform, while the stated speed stays.
+    ``"speed"``: time stretched, uniform, while the specified speed stays.
     """
     size: float
     """Signal-to-noise ratio of noise [dB]; largest gain and loss [dB]; largest relative change of
@@ -26,28 +26,31 @@ class Perturbation:
     """
 
     def __str__(self) -> str:
-        """Name of its row.
+        """Return the name of its row.
 
         Examples
         --------
-        >>> [str(Perturbation(*each)) for each in (("white", 5.0), ("hum", 0.0), ("gain", 12.0), ("speed", 0.02))]
-        ['5 dB', 'hum 0 dB', 'gain 12 dB', 'speed 2 %']
+        >>> str(Perturbation("white", 5.0)), str(Perturbation("hum", 0.0))
+        ('5 dB', 'hum 0 dB')
+        >>> str(Perturbation("gain", 12.0)), str(Perturbation("speed", 0.02))
+        ('gain 12 dB', 'speed 2 %')
         """
         if self.kind == "speed":
             return f"speed {100 * self.size:g} %"
-        return f"{'' if self.kind == 'white' else f'{self.kind} '}{self.size:g} dB"
+        if self.kind == "white":
+            return f"{self.size:g} dB"
+        return f"{self.kind} {self.size:g} dB"
 
     def of_recording(self, recording: Recording, repeat: int) -> Recording:
-        """The recording so changed; what is drawn is drawn by recording, size and repeat."""
-        signal, name = recording.signal, recording.recording_id
-        rng, window = (
-            random_stream(repeat, self.kind, self.size, name),
-            signal[None].astype(np.float32),
-        )
+        """Return the changed recording; draws are seeded by recording, kind, size and repeat."""
+        signal = recording.signal
+        name = recording.recording_id
+        rng = random_stream(repeat, self.kind, self.size, name)
+
         if self.kind == "gain":
-            changed = with_gains(window, self.size, rng)[0]
+            changed = with_gains(signal[None].astype(np.float32), self.size, rng)[0]
         elif self.kind == "speed":
-            changed = with_speed_changes(window, self.size, rng)[0]
+            changed = with_speed_changes(signal[None].astype(np.float32), self.size, rng)[0]
         else:
             changed = add_noise(
                 signal, self.size, repeat, name, kind=self.kind, sample_rate=recording.sample_rate
@@ -55,8 +58,9 @@ class Perturbation:
         return recording.replace(signal=changed)
 
     def of_test(self, dataset: StudyDataset, split: str, repeat: int) -> WindowSet:
-        """The test windows of a split, cut from recordings so changed (docs/explanation/method.md,
-        "Noise").
+        """Return the test windows of a split, cut from the changed recordings.
+
+        See docs/explanation/method.md, "Noise".
         """
         changed = [
             self.of_recording(recording, repeat) for recording in dataset.test_recordings[split]
@@ -65,5 +69,5 @@ class Perturbation:
 
 
 def noises(kind: NoiseKind, *snrs: float) -> tuple[Perturbation, ...]:
-    """Noise of one spectrum at several signal-to-noise ratios [dB]."""
+    """Return noise of one spectrum at several signal-to-noise ratios [dB]."""
     return tuple(Perturbation(kind, snr) for snr in snrs)

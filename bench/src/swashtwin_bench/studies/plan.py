@@ -1,6 +1,4 @@
-"""A study as a plan: training sets × classifiers under a scenario, for each seed; and what one
-training of it gives.
-"""
+"""The plan of a study, training sets × classifiers under a scenario; and one training of it."""
 
 import math
 import time
@@ -34,30 +32,28 @@ from swashtwin_bench.studies.training_sets import (
 )
 
 CLEAN = "clean"
-"""Row of the tests without any perturbation."""
+"""Name of the tests without a perturbation."""
 
-EMBEDDED = 30
+N_EMBEDDED = 30
 """Principal components of the last features that a run keeps for t-SNE."""
 
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What can be set of a study of classifiers; what is None or empty stays as the study has
-    it.
-    """
+    """Settings of a study of classifiers; None or empty keeps what the study has."""
 
     classifiers: tuple[str, ...] = ()
-    """Classifiers to train instead of the study's."""
+    """Classifiers to train instead of those of the study."""
     training_sets: tuple[str, ...] = ()
-    """These of the study's training sets only, or others that twins fill."""
+    """Training sets: some of the study, or others that twins fill."""
     values: tuple[str, ...] = ()
-    """These values only of what the study varies."""
+    """Values of the varied factor, some of the study."""
     window: int | None = None
     """Samples per window."""
     rig: str | None = None
     """Version of the virtual rig."""
     sensors: int | None = None
-    """Accelerometers of the rig and of the twin: 3, or 13 as the paper has them (version 1)."""
+    """Accelerometers of the rig and of the twin: 3, or 13 as in the paper (version 1)."""
     precision: str | None = None
     """Number format of networks in training, ``"float32"`` or ``"bfloat16"``."""
 
@@ -69,249 +65,291 @@ class Plan:
     study: str
     """Name, such as ``"case1"``."""
     title: str
-    """What it asks, as a heading."""
+    """Question, as a heading."""
     scenario: Scenario
-    """What is scarce, and what is tested."""
+    """Scarce cells, and tests."""
     models: Mapping[str, Model]
-    """Classifiers by name; the first is the study's own."""
+    """Classifiers by name; the first is the main one of the study."""
     training_sets: Mapping[str, TrainingSet] = field(default_factory=lambda: PAPER_TRAINING_SETS)
     """Training sets by name."""
     varied: str = ""
-    """Factor that the scenario varies by, such as ``"scarce_windows"``; empty where there is one
-    scenario.
-    """
+    """Factor by which the scenario varies, such as ``"scarce_windows"``; empty for one scenario."""
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
-    """What differs from `scenario`, by the factor's value."""
+    """Changes of `scenario` by the value of the factor."""
     unfilled_variant: str | None = None
-    """Value of the varied factor under which what is filled by nothing stands, and stands alone;
-    None where it stands under each.
+    """Value of the varied factor at which exactly the training sets without synthetic windows are
+    trained; None if every training set is trained at every value.
     """
     reference_values: Mapping[str, str] = field(default_factory=dict)
-    """Factor and the value that all its others are compared with."""
+    """Value of a factor that its other values are compared with, by factor."""
     size: str = "custom"
     """Name of the settings."""
     perturbations: tuple[Perturbation, ...] = ()
-    """What recordings of the tests are changed by, each once more beside the clean tests."""
+    """Changes of the test recordings; each is tested in addition to the clean tests."""
     draws: int = 5
     """Draws of each perturbation."""
     repeats: int = 0
-    """Trainings on the data of the first seed, in place of seeds; 0 where each seed draws
-    everything anew.
-    """
+    """Trainings on the data of the first seed, instead of seeds; 0 if each seed has other data."""
     split_seed: int | None = None
-    """Seed of split, twins and synthesis, where only the training is repeated under each seed."""
+    """Seed of split, twins and synthesis, if only the training is repeated under each seed."""
     rig: str = "1"
-    """Version of the virtual rig on which it is run."""
+    """Version of the virtual rig."""
     fleet: str = "paper"
-    """Size of the rig's fleets."""
+    """Size of the fleets of the rig."""
     sensors: int = 3
     """Accelerometers of the rig."""
     notes: tuple[str, ...] = ()
-    """Notes that must be read with the numbers."""
+    """Notes to be read with the numbers."""
 
     def __post_init__(self) -> None:
         if not (self.models and self.training_sets):
-            raise InputError("a study needs a classifier and a training set.")
+            raise InputError("A study needs at least one classifier and one training set.")
 
     def with_settings(self, settings: PlanSettings) -> "Plan":
-        """The plan with what was set.
+        """Return the plan with these settings.
 
         Raises
         ------
         InputError
-            There is no classifier, training set, value or version of the rig of that name.
+            A classifier, training set, value, version of the rig or number of sensors does not
+            exist.
         """
-        plan, changes = self, dict[str, Any]()
+        plan = self
         if settings.classifiers:
-            own = self.models
-            further = select_models(
-                self.size, [name for name in settings.classifiers if name not in own]
-            )
-            changes["models"] = {name: {**own, **further}[name] for name in settings.classifiers}
-            if "classifier" in self.reference_values:
-                changes["reference_values"] = {
-                    **self.reference_values,
-                    "classifier": settings.classifiers[0],
-                }
+            plan = plan._with_classifiers(settings.classifiers)
+
         if settings.training_sets:
-            choices = {**TWIN_TRAINING_SETS, **self.training_sets}
-            self._require(settings.training_sets, choices, "training set")
-            changes["training_sets"] = {name: choices[name] for name in settings.training_sets}
+            training_sets = {**TWIN_TRAINING_SETS, **plan.training_sets}
+            self._require(settings.training_sets, training_sets, "training set")
+            selected_sets = {name: training_sets[name] for name in settings.training_sets}
+            plan = replace(plan, training_sets=selected_sets)
+
         if settings.values:
-            self._require(
-                settings.values,
-                self.variants if self.varied else {},
-                f"value of {self.varied or 'anything'}",
-            )
-            changes["variants"] = {name: self.variants[name] for name in settings.values}
-        if settings.rig is not None and settings.rig != self.rig:
-            scenario = replace(self.scenario, faults=machined_faults(settings.rig))
-            changes |= {"rig": settings.rig, "scenario": scenario}
-        plan = replace(plan, **changes)
+            variants = plan.variants if plan.varied else {}
+            self._require(settings.values, variants, f"value of {plan.varied or 'anything'}")
+            plan = replace(plan, variants={name: variants[name] for name in settings.values})
+
+        if settings.rig is not None and settings.rig != plan.rig:
+            scenario = replace(plan.scenario, faults=machined_faults(settings.rig))
+            plan = replace(plan, rig=settings.rig, scenario=scenario)
+
         if settings.sensors is not None:
-            self._require(
-                [str(settings.sensors)], {str(count): "" for count in PUMPS}, "number of sensors"
-            )
+            allowed = {str(count): count for count in PUMPS}
+            self._require([str(settings.sensors)], allowed, "number of sensors")
             scenario = replace(plan.scenario, pump=load_pump(PUMPS[settings.sensors]))
             plan = replace(plan, scenario=scenario, sensors=settings.sensors)
+
         if settings.precision is not None:
             models = {
-                name: each.with_training(precision=settings.precision)
-                for name, each in plan.models.items()
+                name: model.with_training(precision=settings.precision)
+                for name, model in plan.models.items()
             }
             plan = replace(plan, models=models)
-        return plan if settings.window is None else plan.of_window(settings.window)
 
-    def _require(self, names: Sequence[str], choices: Mapping[str, Any], what: str) -> None:
-        if unknown := [name for name in names if name not in choices]:
-            there = f"there are {', '.join(choices)}" if choices else "it has none"
-            raise InputError(f"{self.study} has no {what} {unknown[0]!r}; {there}.")
+        if settings.window is not None:
+            plan = plan.of_window(settings.window)
+
+        return plan
+
+    def _with_classifiers(self, names: Sequence[str]) -> "Plan":
+        further = select_models(self.size, [name for name in names if name not in self.models])
+        available = {**self.models, **further}
+        plan = replace(self, models={name: available[name] for name in names})
+
+        if "classifier" in self.reference_values:
+            references = {**self.reference_values, "classifier": names[0]}
+            plan = replace(plan, reference_values=references)
+
+        return plan
+
+    def _require(self, names: Sequence[str], choices: Mapping[str, Any], description: str) -> None:
+        unknown = [name for name in names if name not in choices]
+        if unknown:
+            remedy = f"there are {', '.join(choices)}" if choices else "it has none"
+            raise InputError(f"{self.study} has no {description} {unknown[0]!r}; {remedy}.")
 
     def of_window(self, length: int) -> "Plan":
-        """The plan with windows of another length, and as much signal in the scarce cells.
+        """Return the plan with windows of another length, and as much signal in the scarce cells.
 
         Parameters
         ----------
         length : samples per window.
         """
 
-        def of_signal(count: int) -> int:
+        def convert(count: int) -> int:
+            """Return the number of windows in as much signal: at least 1, unless it is 0."""
             return max(min(count, 1), count * self.scenario.length // length)
 
-        test = self.scenario.test_windows
+        test_windows = self.scenario.test_windows
+        if test_windows is not None:
+            test_windows = convert(test_windows)
+
         scenario = replace(
             self.scenario,
             length=length,
-            scarce_windows=of_signal(self.scenario.scarce_windows),
-            test_windows=None if test is None else of_signal(test),
+            scarce_windows=convert(self.scenario.scarce_windows),
+            test_windows=test_windows,
         )
         return replace(self, scenario=scenario)
 
     def tasks(self, seed: int, data: str, device: str = "cpu") -> list[Task]:
-        """Every task of a seed, in order.
+        """Return all tasks of a seed in order.
 
         Parameters
         ----------
         data : SHA-256 of the recordings.
-        device : where networks are trained.
+        device : device on which networks are trained.
         """
         scenarios = {name: self.scenario_of(name).describe() for name in self.variants}
-        sets = {
-            name: each.describe(self.scenario.faults) for name, each in self.training_sets.items()
+        training_sets = {
+            name: training_set.describe(self.scenario.faults)
+            for name, training_set in self.training_sets.items()
         }
         models = {name: model.describe() for name, model in self.models.items()}
-        return [
-            Task(
-                study=self.study,
-                size=self.size,
-                seed=seed,
-                factors={
-                    "classifier": model,
-                    "training_set": training_set,
-                    **({self.varied: variant} if variant else {}),
-                },
-                settings={
-                    "scenario": scenarios[variant],
-                    "training_set": sets[training_set],
-                    "model": models[model],
-                    "device": device if self.models[model].is_network else "cpu",
-                    "tests": {
-                        "perturbations": list(map(str, self.perturbations)),
-                        "draws": self.draws,
-                    },
-                    **({} if self.split_seed is None else {"split_seed": self.split_seed}),
-                },
-                data=data,
+        tests = {"perturbations": list(map(str, self.perturbations)), "draws": self.draws}
+
+        tasks = []
+        for variant, training_set, model in product(self.variants, self.training_sets, self.models):
+            if not self._is_trained_at(variant, self.training_sets[training_set]):
+                continue
+
+            factors = {"classifier": model, "training_set": training_set}
+            if variant:
+                factors[self.varied] = variant
+
+            settings: dict[str, Any] = {
+                "scenario": scenarios[variant],
+                "training_set": training_sets[training_set],
+                "model": models[model],
+                "device": device if self.models[model].is_network else "cpu",
+                "tests": tests,
+            }
+            if self.split_seed is not None:
+                settings["split_seed"] = self.split_seed
+
+            tasks.append(
+                Task(
+                    study=self.study,
+                    size=self.size,
+                    seed=seed,
+                    factors=factors,
+                    settings=settings,
+                    data=data,
+                )
             )
-            for variant, training_set, model in product(
-                self.variants, self.training_sets, self.models
-            )
-            if self.unfilled_variant is None
-            or (variant == self.unfilled_variant)
-            is (self.training_sets[training_set].source is None)
-        ]
+
+        return tasks
+
+    def _is_trained_at(self, variant: str, training_set: TrainingSet) -> bool:
+        if self.unfilled_variant is None:
+            return True
+
+        is_unfilled = training_set.source is None
+        return is_unfilled == (variant == self.unfilled_variant)
+
+    def model_of(self, task: Task) -> Model:
+        """Return the classifier of a task."""
+        return self.models[task.factors["classifier"]]
 
     def needs_twins(self, task: Task) -> bool:
-        """Whether a task is filled by a calibrated twin."""
+        """Return whether a calibrated twin fills the cells of a task."""
         return self.training_sets[task.factors["training_set"]].source in CALIBRATED_TWINS
 
     def data_seed(self, seed: int) -> int:
-        """Seed of the data that is trained on under `seed`."""
+        """Return the seed of the data that are trained on under `seed`."""
         return seed if self.split_seed is None else self.split_seed
 
     def position(self, factors: Mapping[str, str]) -> tuple[int, ...]:
-        """Position of a run among those of the plan; classifiers that the plan lacks come last."""
-        named: tuple[tuple[Mapping[str, Any], str], ...] = (
+        """Return the position of a run among those of the plan.
+
+        A classifier that is not in the plan comes last.
+        """
+        choices: tuple[tuple[Mapping[str, Any], str], ...] = (
             (self.models, factors["classifier"]),
             (self.variants, factors.get(self.varied, "")),
             (self.training_sets, factors["training_set"]),
         )
         return tuple(
-            list(names).index(name) if name in names else len(names) for names, name in named
+            list(names).index(name) if name in names else len(names) for names, name in choices
         )
 
     def scenario_of(self, variant: str) -> Scenario:
-        """The scenario of a variant."""
+        """Return the scenario of a variant."""
         return replace(self.scenario, **self.variants[variant])
 
 
 def train_and_test(
-    task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet, values: Mapping[str, float], out: Path | None,
-    *, keep_model: bool,
-) -> dict[str, Any]:  # fmt: skip
-    """What one task comes to: train on the measured and the synthetic windows, test at every split.
+    task: Task,
+    plan: Plan,
+    dataset: StudyDataset,
+    synthetic: WindowSet,
+    values: Mapping[str, float],
+    out: Path | None,
+    *,
+    keep_model: bool,
+) -> dict[str, Any]:
+    """Train on the measured and the synthetic windows, test at every split, and return the results.
 
     Parameters
     ----------
-    synthetic : what the task's training set adds.
-    values : figures of these windows.
-    out : folder of the studies; a network's training saves to the task's folder after each epoch,
-        and goes on there.
+    synthetic : windows that the training set of the task adds.
+    values : metrics of these windows.
+    out : folder of the studies; the training of a network is saved in the folder of the task after
+        each epoch, and continues from there.
     keep_model : whether a trained network is saved there.
     """
-    wall, cpu = time.perf_counter(), time.process_time()
-    model = plan.models[task.factors["classifier"]]
+    started = time.perf_counter()
+    cpu_started = time.process_time()
+
+    model = plan.model_of(task)
     if plan.training_sets[task.factors["training_set"]].class_weights:
         model = model.with_training(class_weights=True)
+    is_on_features = model.kind in ON_FEATURES
+
+    checkpoint = None
+    if out is not None:
+        checkpoint = task.folder(out) / "training.safetensors"
     train = dataset.measured + synthetic
-    ends: list[float] = []
+    epoch_ends: list[float] = []
     classifier = train_model(
         model,
         train,
         seed=task.seed,
         manifest=dataset.manifest,
         device=task.settings["device"],
-        checkpoint=None if out is None else task.folder(out) / "training.safetensors",
-        progress=lambda _: ends.append(time.process_time()),
+        checkpoint=checkpoint,
+        progress=lambda _: epoch_ends.append(time.process_time()),
     )
+    # A network without weights is solved at once, and its training is cheap to repeat.
     if keep_model and out is not None and classifier.network.weights:
         save_classifier(classifier, task.folder(out) / "model.safetensors")
-    is_on_features = model.kind in ON_FEATURES
-    rows = list(_rows(classifier, plan, dataset))
-    sets = {"train": train, **dataset.tests}
+
+    run_values = dict(values)
+    if len(epoch_ends) > 1:
+        # Since an interruption, if there was one: the epochs before it were not timed here.
+        run_values["epoch_cpu_s"] = float(np.mean(np.diff(epoch_ends)))
+
+    window_sets = {"train": train, **dataset.tests}
     return {
-        "rows": rows,
+        "rows": list(_test_all(classifier, plan, dataset)),
         "classes": list(classifier.classes),
         "history": [] if is_on_features else [asdict(epoch) for epoch in classifier.history],
-        # the mean of an epoch since an interruption [s]
-        "values": {
-            **values,
-            **({"epoch_cpu_s": float(np.mean(np.diff(ends)))} if len(ends) > 1 else {}),
-        },
+        "values": run_values,
         "roles": dataset.roles(),
-        "sha256": {name: windows.fingerprint() for name, windows in sets.items()},
-        "cells": {name: count_cells(windows) for name, windows in sets.items()},
-        "wall_s": time.perf_counter() - wall,
-        "cpu_s": time.process_time() - cpu,
+        "sha256": {name: windows.fingerprint() for name, windows in window_sets.items()},
+        "cells": {name: count_cells(windows) for name, windows in window_sets.items()},
+        "wall_s": time.perf_counter() - started,
+        "cpu_s": time.process_time() - cpu_started,
         "device": task.settings["device"],
-        "features": None if is_on_features else _features(classifier, dataset),
+        "features": None if is_on_features else _embed_tests(classifier, dataset),
     }
 
 
 @dataclass(frozen=True, eq=False)
 class _Unlisted:
-    """A classifier that names none of its training recordings, so that other windows of them may be
-    tested on: only for split L0, which shows how much of a score is leak.
+    """A classifier without a manifest, which may be tested on its training recordings.
+
+    Only for split L0, which shows how much of a score is leak.
     """
 
     classifier: Classifier
@@ -325,39 +363,53 @@ class _Unlisted:
         return self.classifier.predict_proba(windows)
 
 
-def _rows(classifier: Classifier, plan: Plan, dataset: StudyDataset) -> Iterator[dict[str, Any]]:
-    for split, clean in dataset.tests.items():
+def _test_all(
+    classifier: Classifier, plan: Plan, dataset: StudyDataset
+) -> Iterator[dict[str, Any]]:
+    """Yield the row of each test: split, perturbation and draw."""
+    for split, clean_test in dataset.tests.items():
         tested = _Unlisted(classifier) if split == RANDOM_WINDOWS else classifier
+
         for perturbation in (None, *plan.perturbations):
-            varied = {"perturbation": str(perturbation or CLEAN)} if plan.perturbations else {}
+            factors = {"split": split}
+            if plan.perturbations:
+                factors["perturbation"] = str(perturbation or CLEAN)
+
             for repeat in range(plan.draws if perturbation else 1):
-                test = perturbation.of_test(dataset, split, repeat) if perturbation else clean
+                test = clean_test
+                if perturbation:
+                    test = perturbation.of_test(dataset, split, repeat)
                 scores = evaluate(tested, test, split=split)
-                yield {"split": split, **varied, "repeat": repeat,
-                       **build_score_row(scores, scarce_recall(scores, dataset.scenario))}  # fmt: skip
+                recall = scarce_recall(scores, dataset.scenario)
+                yield {**factors, "repeat": repeat, **build_score_row(scores, recall)}
 
 
 def scarce_recall(scores: Scores, scenario: Scenario) -> float:
-    """Recall of the measured windows of the cells that were scarce; NaN where the test has none."""
-    cells = [
+    """Return the recall of the measured windows in the scarce cells; NaN if the test has none."""
+    recalls = [
         cell.recall
         for cell in scores.cells
         if cell.label in scenario.scarce
         and cell.discharge_pressure is not None
         and values_match(cell.discharge_pressure, scenario.pressure, PRESSURE_TOLERANCE)
     ]
-    return float(np.mean(cells)) if cells else math.nan
+    return float(np.mean(recalls)) if recalls else math.nan
 
 
-def _features(classifier: FittedClassifier, dataset: StudyDataset) -> dict[str, list[Any]]:
-    """Principal components of the last features of the test windows, with class and split of each,
-    for t-SNE.
+def _embed_tests(classifier: FittedClassifier, dataset: StudyDataset) -> dict[str, list[Any]]:
+    """Return principal components of the last features of the test windows, for t-SNE.
+
+    Class and split of each window are returned too.
     """
-    tests = dataset.tests
-    features = np.concatenate([classifier.embed(test) for test in tests.values()]).astype(float)
-    count = min(EMBEDDED, *features.shape)
-    return {
-        "values": np.round(PCA(count, svd_solver="full").fit_transform(features), 4).tolist(),
-        "label": [label for test in tests.values() for label in test.label.tolist()],
-        "split": [split for split, test in tests.items() for _ in range(len(test))],
-    }
+    features = [classifier.embed(test) for test in dataset.tests.values()]
+    matrix = np.concatenate(features).astype(float)
+    n_components = min(N_EMBEDDED, *matrix.shape)
+    components = PCA(n_components, svd_solver="full").fit_transform(matrix)
+
+    labels: list[str] = []
+    splits: list[str] = []
+    for split, test in dataset.tests.items():
+        labels += test.label.tolist()
+        splits += [split] * len(test)
+
+    return {"values": np.round(components, 4).tolist(), "label": labels, "split": splits}

@@ -1,10 +1,8 @@
-"""Runs a plan: finished tasks are read, the others run side by side, and each is saved when it
-ends.
-"""
+"""Running a plan: finished tasks are read, the others run in parallel and are saved one by one."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ from swashtwin.calibration import Calibration
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import WindowSet
 from swashtwin.recordings import Recording, load_recordings
-from swashtwin_bench.results.result import FURTHER, METRICS, StudyResult, build_trials
+from swashtwin_bench.results.result import METRICS, RUN_METRICS, StudyResult, build_trials, name_run
 from swashtwin_bench.results.runs import Run, Task, Work, fingerprint_recordings, load_run
 from swashtwin_bench.results.table import describe_origin
 from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, RigSize, build_rig
@@ -27,24 +25,28 @@ from swashtwin_bench.studies.plan import Plan, train_and_test
 from swashtwin_bench.studies.training_sets import fill_cells
 
 Source = Sequence[Recording] | Callable[[int], Sequence[Recording]]
-"""Recordings: the same under every seed, or those of a seed."""
+"""Recordings that are the same under every seed, or a function that returns those of a seed."""
 
-_Call = tuple[Task, Plan, StudyDataset, WindowSet, dict[str, Any], Work, bool]
+RECORDINGS_PER_REPEAT = 15
+"""Recordings of a specimen of the rig in each repeat: five classes at three pressures."""
+
+DEFAULT_SENSORS = 3
+"""Accelerometers of the rig by default."""
 
 
 def run_plan(
     plan: Plan, source: Source, work: Work | None = None, *, keep_models: bool = False
 ) -> StudyResult:
-    """The study's table, after every task of every seed was run or read.
+    """Run all tasks of a study that are not finished, and return its table.
 
     Parameters
     ----------
-    source : recordings, or what gives those of a seed.
-    work : seeds, processes, and the folder of the runs (``OUT/STUDY/KEY/result.json``) and
-        calibrations; what lies there is not run again, and a training that was interrupted goes on
-        from its last epoch.
-    keep_models : whether trained networks are saved, in ``OUT/STUDY/KEY/model.safetensors``; one
-        that lacks it is trained again.
+    source : recordings, or a function that returns those of a seed.
+    work : seeds, processes, and the folder of runs (``OUT/STUDY/KEY/result.json``) and
+        calibrations. Finished ones are not run again, and an interrupted training continues after
+        its last epoch.
+    keep_models : whether trained networks are saved in ``OUT/STUDY/KEY/model.safetensors``; a
+        finished training without that file is repeated.
 
     Raises
     ------
@@ -53,80 +55,127 @@ def run_plan(
     ArtifactError
         A run in the folder is damaged.
     InputError
-        No task.
+        The plan has no task.
     """
-    started, work = time.perf_counter(), work or Work()
+    started = time.perf_counter()
+    work = work or Work()
+
     seeds: Sequence[int] = work.seeds
     if plan.repeats:
+        # The data are those of the first seed; only the training is repeated.
         source = source(seeds[0]) if callable(source) else source
-        plan, seeds = replace(plan, split_seed=seeds[0]), range(plan.repeats)
-    per_seed = len(plan.tasks(0, ""))
-    if not per_seed:
+        plan = replace(plan, split_seed=seeds[0])
+        seeds = range(plan.repeats)
+
+    tasks_per_seed = len(plan.tasks(0, ""))
+    if not tasks_per_seed:
         raise InputError(
-            f"{plan.study} has nothing to do: {', '.join(plan.training_sets)} is not trained at {plan.varied} "
-            f"{', '.join(plan.variants)}."
+            f"{plan.study} has no task: {', '.join(plan.training_sets)} is not trained at "
+            f"{plan.varied} {', '.join(plan.variants)}."
         )
+
     runs: list[Run] = []
     data = "" if callable(source) else fingerprint_recordings(source)
     for seed in seeds:
-        recordings = source(seed) if callable(source) else source
-        data = fingerprint_recordings(recordings) if callable(source) else data
+        if callable(source):
+            recordings = source(seed)
+            data = fingerprint_recordings(recordings)
+        else:
+            recordings = source
+
         tasks = plan.tasks(seed, data, work.device)
-        todo = [task for task in tasks if not _is_finished(task, plan, work.out, keep_models)]
-        runs += [
-            load_run(task.folder(work.out))
-            for task in tasks
-            if work.out is not None and task not in todo
-        ]
-        if len(todo) < per_seed:
-            done = per_seed - len(todo)
-            work.progress(f"{done} of seed {seed} done before", len(runs), per_seed * len(seeds))
-        calls = _calls(plan, recordings, seed, todo, work, keep_models)
-        calls.sort(
-            key=lambda call: not plan.models[call[0].factors["classifier"]].is_network
-        )  # the long ones first
-        runs += work.map("training", _finished_training, calls)
-    result = build_study(plan, runs, out=work.out)
+        open_tasks = []
+        for task in tasks:
+            if work.out is not None and _is_finished(task, plan, work.out, keep_models):
+                runs.append(load_run(task.folder(work.out)))
+            else:
+                open_tasks.append(task)
+
+        n_finished = tasks_per_seed - len(open_tasks)
+        if n_finished:
+            activity = f"{n_finished} of seed {seed} already finished"
+            work.progress(activity, len(runs), tasks_per_seed * len(seeds))
+
+        trainings = _prepare_trainings(plan, recordings, seed, open_tasks, work, keep_models)
+        # Networks first: they take longest, and should not start when the other cores are idle.
+        trainings.sort(key=lambda training: not plan.model_of(training.task).is_network)
+        runs += work.map("training", _Training.run, [(training,) for training in trainings])
+
+    study = build_study(plan, runs, out=work.out)
     return replace(
-        result, wall_s=time.perf_counter() - started, command=work.command or result.command
+        study, wall_s=time.perf_counter() - started, command=work.command or study.command
     )
 
 
-def _is_finished(task: Task, plan: Plan, out: Path | None, keep_models: bool) -> bool:
-    needs_model = keep_models and plan.models[task.factors["classifier"]].is_network
-    return (
-        out is not None
-        and task.is_finished(out)
-        and (not needs_model or model_file(task.folder(out)).is_file())
-    )
+def _is_finished(task: Task, plan: Plan, out: Path, keep_models: bool) -> bool:
+    needs_model = keep_models and plan.model_of(task).is_network
+    if needs_model and not model_file(task.folder(out)).is_file():
+        return False
+    return task.is_finished(out)
 
 
 def model_file(folder: Path) -> Path:
-    """Where the trained network of a task lies in its folder."""
+    """Return the file of a task's trained network in its folder."""
     return folder / "model.safetensors"
 
 
-def _calls(
+@dataclass(frozen=True, eq=False)
+class _Training:
+    """A task with its data, as it is sent to a process."""
+
+    task: Task
+    plan: Plan
+    dataset: StudyDataset
+    synthetic: WindowSet
+    values: Mapping[str, float]
+    """Metrics of the synthetic windows."""
+    facts: Mapping[str, Any]
+    """Further contents of its run: keys of the calibrations, origin, command."""
+    out: Path | None
+    keep_model: bool
+
+    def run(self) -> Run:
+        """Return the run, saved as soon as it is finished."""
+        if self.keep_model and self.out is not None:
+            # A run without its model counts as finished in its file, but must be repeated.
+            folder = self.task.folder(self.out)
+            if not model_file(folder).is_file():
+                (folder / "result.json").unlink(missing_ok=True)
+
+        return self.task.run(self.out, self._compute)
+
+    def _compute(self) -> dict[str, Any]:
+        result = train_and_test(
+            self.task,
+            self.plan,
+            self.dataset,
+            self.synthetic,
+            self.values,
+            self.out,
+            keep_model=self.keep_model,
+        )
+        return {**self.facts, **result}
+
+
+def _prepare_trainings(
     plan: Plan,
     recordings: Sequence[Recording],
     seed: int,
-    todo: Sequence[Task],
+    tasks: Sequence[Task],
     work: Work,
     keep_models: bool,
-) -> list[_Call]:
-    """What `_finished_training` is called with for each task: first the calibrations, then what
-    fills the cells.
-    """
-    calls: list[_Call] = []
-    variants = dict.fromkeys(task.factors.get(plan.varied, "") for task in todo)
-    for variant in variants:
-        tasks = [task for task in todo if task.factors.get(plan.varied, "") == variant]
-        scenario, data_seed = plan.scenario_of(variant), plan.data_seed(seed)
-        searches = (
-            calibration_tasks(recordings, scenario, data_seed)
-            if any(map(plan.needs_twins, tasks))
-            else []
-        )
+) -> list[_Training]:
+    """Calibrate the twins, fill the cells, and return the tasks with their data."""
+    data_seed = plan.data_seed(seed)
+
+    trainings: list[_Training] = []
+    for variant in dict.fromkeys(task.factors.get(plan.varied, "") for task in tasks):
+        variant_tasks = [task for task in tasks if task.factors.get(plan.varied, "") == variant]
+        scenario = plan.scenario_of(variant)
+
+        searches = []
+        if any(plan.needs_twins(task) for task in variant_tasks):
+            searches = calibration_tasks(recordings, scenario, data_seed)
         calibrations = work.map(
             "calibration", run_calibration, [(search, work.out) for search in searches]
         )
@@ -137,50 +186,36 @@ def _calls(
             zip(searches, calibrations, strict=True),
             noisy_tests=bool(plan.perturbations),
         )
-        names = list(dict.fromkeys(task.factors["training_set"] for task in tasks))
-        fills = work.map(
+
+        names = list(dict.fromkeys(task.factors["training_set"] for task in variant_tasks))
+        fillings = work.map(
             "filling cells", fill_cells, [(dataset, plan.training_sets[name]) for name in names]
         )
-        filled = dict(zip(names, fills, strict=True))
-        sent = replace(dataset, calibrations={})
+        filling_by_name = dict(zip(names, fillings, strict=True))
+
         facts = {
             "calibrations": [search.key for search in searches],
             "origin": describe_origin(recordings),
-        }
-        quiet = Work(work.seeds, out=work.out, command=work.command)
-        for task in tasks:
-            synthetic, values = filled[task.factors["training_set"]]
-            calls.append(
-                (task, plan, sent, synthetic, {**facts, "values": values}, quiet, keep_models)
-            )
-    return calls
-
-
-def _finished_training(
-    task: Task,
-    plan: Plan,
-    dataset: StudyDataset,
-    synthetic: WindowSet,
-    facts: Mapping[str, Any],
-    work: Work,
-    keep_model: bool,
-) -> Run:
-    """The run of a task, saved as soon as it is done."""
-    if keep_model and work.out is not None and not model_file(task.folder(work.out)).is_file():
-        (task.folder(work.out) / "result.json").unlink(missing_ok=True)
-
-    def compute() -> dict[str, Any]:
-        values = facts["values"]
-        result = train_and_test(
-            task, plan, dataset, synthetic, values, work.out, keep_model=keep_model
-        )
-        return {
-            **{name: facts[name] for name in ("calibrations", "origin")},
             "command": work.command,
-            **result,
         }
+        # The cells are filled: without the calibrations less is sent to each process.
+        training_dataset = replace(dataset, calibrations={})
+        for task in variant_tasks:
+            synthetic, values = filling_by_name[task.factors["training_set"]]
+            trainings.append(
+                _Training(
+                    task,
+                    plan,
+                    training_dataset,
+                    synthetic,
+                    values,
+                    facts,
+                    work.out,
+                    keep_models,
+                )
+            )
 
-    return task.run(work.out, compute)
+    return trainings
 
 
 def build_study(
@@ -190,38 +225,33 @@ def build_study(
     out: Path | None = None,
     calibrations: Sequence[Calibration] | None = None,
 ) -> StudyResult:
-    """Table of a study, from finished runs, however many they are.
+    """Return the table of a study from the runs that are finished.
 
     Parameters
     ----------
     out : folder of the calibrations.
-    calibrations : those of the first seed; by default as far as they lie in `out`.
+    calibrations : calibrations of the first seed; by default those whose files are in `out`.
     """
     ordered = sorted(runs, key=lambda run: (plan.position(run["factors"]), run["seed"]))
-    first = min(run["seed"] for run in ordered)
     if calibrations is None:
-        keys = dict.fromkeys(
-            key for run in ordered if run["seed"] == first for key in run["calibrations"]
-        )
-        calibrations = [
-            each for key in keys if (each := load_finished_calibration(out, key)) is not None
-        ]
-    further = {name for run in ordered for name in (*run["values"], "wall_s")}
+        calibrations = _load_first_calibrations(ordered, out)
+
+    metrics = dict(METRICS)
+    for name in ordered[0]["classes"]:
+        metrics[f"recall_{name}"] = f"recall {name.replace('_', ' ')}"
+    value_names = {"wall_s"}.union(*(run["values"] for run in ordered))
+    for name, heading in RUN_METRICS.items():
+        if name in value_names:
+            metrics[name] = heading
+
     commands = dict.fromkeys(run["command"] for run in ordered if run["command"])
-    result = StudyResult(
+    study = StudyResult(
         study=plan.study,
         title=plan.title,
-        metrics={
-            **METRICS,
-            **{
-                f"recall_{name}": f"recall {name.replace('_', ' ')}"
-                for name in ordered[0]["classes"]
-            },
-            **{name: heading for name, heading in FURTHER.items() if name in further},
-        },
+        metrics=metrics,
         trials=build_trials(ordered),
         answer=(),
-        settings=_settings(ordered),
+        settings=_collect_settings(ordered),
         origin=ordered[0]["origin"],
         wall_s=sum(run["wall_s"] for run in ordered),
         command=" && ".join(commands),
@@ -233,85 +263,103 @@ def build_study(
         unfilled_variant=plan.unfilled_variant,
         calibrations=tuple(calibrations),
     )
-    return replace(result, answer=result.sentences())
+    return replace(study, answer=study.sentences())
 
 
-def _settings(runs: Sequence[Run]) -> dict[str, Any]:
-    """Settings of all runs together: the scenario, what differs from it by what a study varies, and
-    by name the training sets and the classifiers.
+def _load_first_calibrations(runs: Sequence[Run], out: Path | None) -> list[Calibration]:
+    """Return the calibrations of the first seed whose files are in `out`."""
+    first_seed = min(run["seed"] for run in runs)
+    keys: dict[str, None] = {}
+    for run in runs:
+        if run["seed"] == first_seed:
+            keys.update(dict.fromkeys(run["calibrations"]))
+
+    calibrations = [load_finished_calibration(out, key) for key in keys]
+    return [calibration for calibration in calibrations if calibration is not None]
+
+
+def _collect_settings(runs: Sequence[Run]) -> dict[str, Any]:
+    """Return the settings of all runs together.
+
+    These are the scenario, what differs from it by variant, and the training sets and classifiers
+    by name.
     """
-    first = runs[0]["settings"]
-    scenarios = {
-        ", ".join(
-            value
-            for name, value in run["factors"].items()
-            if name not in ("classifier", "training_set")
-        ): run["settings"]["scenario"]
-        for run in runs
-    }
+    scenarios: dict[str, Mapping[str, Any]] = {}
+    for run in runs:
+        variant = name_run(run, "classifier", "training_set")
+        scenarios[variant] = run["settings"]["scenario"]
+
     names = {name for scenario in scenarios.values() for name in scenario}
-    differing = {
+    varied = {
         name
         for name in names
         if len({repr(scenario.get(name)) for scenario in scenarios.values()}) > 1
     }
-    variants = {
-        name: {key: scenario[key] for key in sorted(differing) if key in scenario}
-        for name, scenario in scenarios.items()
+
+    first = runs[0]["settings"]
+    settings = {name: value for name, value in first["scenario"].items() if name not in varied}
+    if varied:
+        settings["variants"] = {
+            variant: {name: scenario[name] for name in sorted(varied) if name in scenario}
+            for variant, scenario in scenarios.items()
+        }
+    settings["tests"] = first["tests"]
+    settings["training_sets"] = {
+        run["factors"]["training_set"]: run["settings"]["training_set"] for run in runs
     }
-    return {
-        **{name: value for name, value in first["scenario"].items() if name not in differing},
-        **({"variants": variants} if differing else {}),
-        "tests": first["tests"],
-        "training_sets": {
-            run["factors"]["training_set"]: run["settings"]["training_set"] for run in runs
-        },
-        "models": {run["factors"]["classifier"]: run["settings"]["model"] for run in runs},
-    }
+    settings["models"] = {run["factors"]["classifier"]: run["settings"]["model"] for run in runs}
+    return settings
 
 
-def fleets(
-    folder: Path, size: str, version: str, work: Work, sensors: int = 3
+def find_fleets(
+    folder: Path, size: str, version: str, work: Work, sensors: int = DEFAULT_SENSORS
 ) -> Callable[[int], Sequence[Recording]]:
-    """What gives the fleet of the virtual rig of a seed, built once and kept as ``rig-SIZE-SEED``
-    in `folder`, or ``rigVERSION-SIZE-SEED`` where the version is not 1, with ``-13`` behind it
-    where there are 13 sensors.
-    """
+    """Return a function that returns the fleet of the virtual rig of a seed.
 
-    def fleet(seed: int) -> Sequence[Recording]:
-        name = "rig" if version == RIG_VERSION else f"rig{version}"
-        place = Path(folder) / f"{name}-{size}-{seed}{'' if sensors == 3 else f'-{sensors}'}"
-        if not (place / "recordings.toml").is_file():
-            show = lambda count, total: work.progress("recording on the rig", count, total)  # noqa: E731
+    A fleet is built once and kept in `folder` as ``rig-SIZE-SEED``, or ``rigVERSION-SIZE-SEED`` if
+    the version is not 1, with ``-13`` appended for 13 sensors.
+    """
+    prefix = "rig" if version == RIG_VERSION else f"rig{version}"
+    suffix = "" if sensors == DEFAULT_SENSORS else f"-{sensors}"
+
+    def show_recording(count: int, total: int) -> None:
+        work.progress("recording on the rig", count, total)
+
+    def load_fleet(seed: int) -> Sequence[Recording]:
+        fleet_folder = Path(folder) / f"{prefix}-{size}-{seed}{suffix}"
+        if not (fleet_folder / "recordings.toml").is_file():
             build_rig(
-                place,
+                fleet_folder,
                 seed=seed,
                 size=size,
                 version=version,
                 sensors=sensors,
                 jobs=work.jobs,
-                progress=show,
+                progress=show_recording,
             )
-        recordings = list(load_recordings(place))
-        require_rig(place, recordings, SIZES[size], version)
+
+        recordings = list(load_recordings(fleet_folder))
+        require_rig(fleet_folder, recordings, SIZES[size], version)
         return recordings
 
-    return fleet
+    return load_fleet
 
 
 def require_rig(
     folder: Path, recordings: Sequence[Recording], size: RigSize, version: str = RIG_VERSION
 ) -> None:
-    """Refuse a folder that holds other recordings than a whole rig of that size and version.
+    """Refuse a folder that does not contain a complete rig of that size and version.
 
     Raises
     ------
     DataError
-        It does.
+        The version or the number of recordings differs.
     """
     origin = recordings[0].attributes.get("origin", "")
-    is_whole = len(recordings) == size.specimens * size.repeats * 15
-    if not (origin.endswith(f"version {version}") and is_whole):
+    is_complete = len(recordings) == size.specimens * size.repeats * RECORDINGS_PER_REPEAT
+    if not (origin.endswith(f"version {version}") and is_complete):
         raise DataError(
-            f"{folder} holds other recordings than this rig; delete it, or name another --out."
+            f"{folder} contains other recordings than this rig.",
+            field="out",
+            remedy="Delete it, or choose another folder with {out}.",
         )

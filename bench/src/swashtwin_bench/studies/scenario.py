@@ -1,13 +1,14 @@
-"""Which cells of the data are scarce, how scarce, and which recordings have which role then.
+"""Scenarios of scarcity: which cells of the data are scarce, and the role of each recording.
 
-A cell is a class at a discharge pressure. All plans ask the same question with other numbers: in
-the scarce cells only so many measured windows are known, or none, and something fills them. The
-test is at that pressure, all classes alike, on recordings that had no part in anything.
+A cell is a class at a discharge pressure. All plans ask the same question with other numbers: the
+scarce cells have few measured windows, or none, and something fills them. The test is at that
+pressure, with equally many windows of all classes, on recordings that were used for nothing else.
 """
 
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -39,31 +40,28 @@ MACHINED: Mapping[str, tuple[Fault, ...]] = MappingProxyType(
         "valve_plate": (DamScratch(area=0.8e-6), GrooveErosion(advance=deg(5))),
     }
 )
-"""Faults as they were machined, which a twin simulates: on the virtual rig its typical ones. A
-class of two kinds takes turns.
+"""Faults that a twin simulates, as they were machined: the typical ones of the virtual rig.
+
+The windows of a class with two kinds of fault alternate between them.
 """
 
 
 def machined_faults(rig_version: str) -> Mapping[str, tuple[Fault, ...]]:
-    """`MACHINED` as a version of the virtual rig has it: in ``1-deep`` and ``2-deep`` its recess is
-    0.6 mm deep.
+    """Return `MACHINED` for a version of the virtual rig.
 
-    In ``2-deep`` it is simulated under the ``lift_off`` law, since slippers cannot follow it
-    (docs/explanation/physics.md, section 6b); in ``1-deep`` under the paper's law, where films pull
-    them.
+    In ``1-deep`` and ``2-deep`` the recess is 0.6 mm deep. In ``2-deep`` it is simulated by the
+    ``lift_off`` law, because slippers cannot follow it (docs/explanation/physics.md, section 6b);
+    in ``1-deep`` by the law of the paper, in which films pull them.
     """
-    recesses = {"1-deep": replace(PAPER_RECESS, contact="shared"), "2-deep": PAPER_RECESS}
-    return (
-        {**MACHINED, "swash_plate": (recesses[rig_version],)}
-        if rig_version in recesses
-        else MACHINED
-    )
+    if rig_version == "1-deep":
+        return {**MACHINED, "swash_plate": (replace(PAPER_RECESS, contact="shared"),)}
+    if rig_version == "2-deep":
+        return {**MACHINED, "swash_plate": (PAPER_RECESS,)}
+    return MACHINED
 
 
 RANDOM_WINDOWS = "L0"
-"""Level of a nearer test whose windows, and those of the training, are dealt at random
-(`deal_windows`).
-"""
+"""Split of a test whose windows are dealt at random with the training (`deal_windows`)."""
 
 
 @dataclass(frozen=True)
@@ -75,64 +73,69 @@ class Scenario:
     pressure: float = MPa(15)
     """Discharge pressure of the scarce cells and of the test [Pa]."""
     scarce_windows: int = 24
-    """Measured windows of each scarce cell, from as few recordings as hold them; 0 leaves the cell
-    empty.
-    """
+    """Measured windows of each scarce cell, from few recordings; 0 leaves the cell empty."""
     synthetic: int = 72
-    """Synthetic windows put into each scarce cell; the paper adds three for each measured one."""
+    """Synthetic windows of each scarce cell; the paper adds three for each measured one."""
     length: int = 2048
-    """Readings per window; at 25.6 kHz 80 ms, 1.15 revolutions at 860 rev/min."""
+    """Samples per window; at 25.6 kHz 80 ms, 1.15 revolutions at 860 rev/min."""
     windows: int = 24
-    """Windows taken from each other recording, evenly spaced."""
+    """Windows of each recording outside the scarce cells, evenly spaced."""
     class_windows: int | None = None
-    """Training windows of each class, evenly over its recordings; of a scarce class they hold the
-    synthetic ones that fill its cell, and the measured ones in it. None takes all that `windows`
-    gives.
+    """Training windows of each class, evenly over its recordings; for a scarce class the measured
+    and the synthetic windows in its cell count too. None takes all windows.
     """
     test_windows: int | None = None
-    """Windows of each class in each test, evenly over its recordings; None takes as many as the
-    smallest class has.
+    """Windows of each class in each test, evenly over its recordings; None takes the number of the
+    smallest class.
     """
     held_out: int = 2
-    """Specimens that nothing is trained on."""
+    """Number of held-out specimens, which are not trained on."""
     splits: tuple[str, str] = ("L2", "L4")
-    """Levels of generalization of the tests: known specimens, and those held out. With
-    `RANDOM_WINDOWS` in place of the nearer one its recordings stand in training and test.
+    """Splits of the tests: on training specimens, and on held-out ones. With `RANDOM_WINDOWS` as
+    the first, recordings of that test are trained on too.
     """
     faults: Mapping[str, tuple[Fault, ...]] = field(default_factory=lambda: MACHINED)
-    """What the twin simulates of each class."""
+    """Faults that the twin simulates, by class."""
     pump: Pump = field(default_factory=lambda: load_pump("25scy14-1b"))
     """Parameter set of the twin."""
     method: Calibrator = field(default_factory=IPINN)
-    """How the twins are calibrated."""
+    """Calibration method."""
     nuisances: Nuisances = field(default_factory=Nuisances)
-    """Constants found beside the six values."""
+    """Constants that are estimated in addition to the six parameters."""
     calibrated_on: Literal["fault", "law"] = "fault"
-    """``"fault"``: a twin for each scarce class, on that class's training recordings at the
-    pressure nearest to the scarce one; ``"law"``: one twin for all, on healthy training recordings
-    of every pressure, and the recess's law on its training recordings.
+    """Recordings of the calibration.
+
+    ``"fault"``: a twin for each scarce class, on training recordings of that class at the pressure
+    nearest to the scarce one. ``"law"``: one twin for all classes, on healthy training recordings
+    at all pressures, and the law of the recess on training recordings of the recess.
     """
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.scarce if name not in self.faults]
         if unknown:
             raise InputError(
-                f"faults has nothing for the scarce class {unknown[0]!r}; say what the twin simulates."
+                f"faults has no entry for the scarce class {unknown[0]!r}: add the faults that "
+                "the twin simulates."
             )
 
     def is_at_pressure(self, recording: Recording) -> bool:
-        """Whether a recording is at the scarce cells' pressure."""
+        """Return whether a recording is at the pressure of the scarce cells."""
         condition = recording.condition
-        return condition is not None and bool(
-            values_match(condition.discharge_pressure, self.pressure, PRESSURE_TOLERANCE)
-        )
+        if condition is None:
+            return False
+        return bool(values_match(condition.discharge_pressure, self.pressure, PRESSURE_TOLERANCE))
 
     def is_scarce(self, recording: Recording) -> bool:
-        """Whether a recording lies in a scarce cell."""
+        """Return whether a recording is in a scarce cell."""
         return recording.label in self.scarce and self.is_at_pressure(recording)
 
     def describe(self) -> dict[str, Any]:
-        """The scenario as JSON can hold it."""
+        """Return the scenario as JSON can hold it."""
+        faults = {
+            name: [_describe_fault(fault) for fault in self.faults[name]] for name in self.scarce
+        }
+        pump_sha256 = hashlib.sha256(repr(self.pump).encode()).hexdigest()
+
         return {
             "scarce": list(self.scarce),
             "pressure_Pa": self.pressure,
@@ -143,29 +146,24 @@ class Scenario:
             "test_windows": self.test_windows,
             "specimens_held_out": self.held_out,
             "splits": list(self.splits),
-            "faults": {
-                name: [_fault(fault) for fault in self.faults[name]] for name in self.scarce
-            },
-            "pump": {
-                "name": self.pump.name,
-                "sha256": hashlib.sha256(repr(self.pump).encode()).hexdigest(),
-            },
-            "method": {"name": type(self.method).__name__, **_settings(self.method)},
-            "nuisances": _settings(self.nuisances),
+            "faults": faults,
+            "pump": {"name": self.pump.name, "sha256": pump_sha256},
+            "method": {"name": type(self.method).__name__, **_describe_settings(self.method)},
+            "nuisances": _describe_settings(self.nuisances),
             "calibrated_on": self.calibrated_on,
             "class_windows": self.class_windows,
         }
 
 
-def _fault(fault: Fault) -> dict[str, Any]:
+def _describe_fault(fault: Fault) -> dict[str, Any]:
     return {"kind": type(fault).__name__, **asdict(fault)}
 
 
-def _settings(settings: Any) -> dict[str, Any]:
-    """Fields that JSON can hold; others in words."""
-    plain = (bool, int, float, str, list, tuple, dict, type(None))
+def _describe_settings(settings: Any) -> dict[str, Any]:
+    """Return the fields of an object; those that JSON cannot hold by their `repr`."""
+    json_types = (bool, int, float, str, list, tuple, dict, type(None))
     return {
-        name: value if isinstance(value, plain) else repr(value)
+        name: value if isinstance(value, json_types) else repr(value)
         for name, value in vars(settings).items()
     }
 
@@ -175,98 +173,107 @@ class ScenarioSplit:
     """Recording ids by role."""
 
     train: frozenset[str]
-    """Train, outside the scarce cells."""
+    """Training recordings outside the scarce cells."""
     scarce: Mapping[str, tuple[str, ...]]
-    """Of each scarce class, the recordings that may lend its few windows, in the order in which
-    they are asked.
-    """
+    """By scarce class, the recordings that may provide its few windows, in order of use."""
     references: frozenset[str]
-    """Healthy recordings of the specimens held out: what such a machine has from its first days.
-    Set aside and never tested on, so that a classifier that compares with them is tested on the
-    same windows as one that does not. None of the studies' does: it gained nothing on the fleets
-    that it was tried on (docs/explanation/networks.md).
+    """Healthy recordings of the held-out specimens: what such a machine has from its first days.
+
+    They are never tested on, so that a classifier that compares with them is tested on the same
+    windows as one that does not. No classifier of the studies compares: it gained nothing on the
+    fleets on which it was tried (docs/explanation/networks.md).
     """
     tests: Mapping[str, frozenset[str]]
-    """Recordings of each test, by its split."""
+    """Recordings of each test by split."""
 
 
 def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> ScenarioSplit:
-    """Which recordings train, which are references and which test, under `seed`.
+    """Return which recordings train, which are references and which test, under `seed`.
 
-    Of each training specimen, class and pressure a third of the recordings test (at least one) and
-    the others train. Specimens for the farther test are drawn first; of each of their healthy cells
-    one recording is a reference, where another is left to test.
+    A third of the recordings of each training specimen, class and pressure (at least one) are test
+    recordings, the others training recordings. The held-out specimens are drawn first; one
+    recording of each of their healthy cells is a reference, unless it is the only one to test on.
 
     Raises
     ------
     DataError
-        The recordings cannot be split so: too few specimens or repeats, a fact missing.
+        There are too few specimens or repeats, or a fact is missing.
     """
-    familiar, unseen = scenario.splits
     rng = random_stream(seed, "scenario", "split")
-    specimens = sorted({str(r.specimen) for r in recordings})
-    least = scenario.held_out + 1
-    if len(specimens) < least:
-        raise DataError(
-            f"the study needs at least {least} specimens, {scenario.held_out} of them held out; the "
-            f"recordings name {len(specimens)} ({', '.join(specimens)}). Give each recording its specimen in the index."
-        )
-    order_of_specimens = rng.permutation(specimens).tolist()
-    held_out = set(order_of_specimens[: scenario.held_out])
+    held_out_specimens = _draw_held_out(recordings, scenario, rng)
+
+    familiar, unseen = scenario.splits
+    tests: dict[str, set[str]] = {familiar: set(), unseen: set()}
     train: set[str] = set()
     references: set[str] = set()
     lenders_by_class: dict[str, list[list[str]]] = {name: [] for name in scenario.scarce}
-    tests: dict[str, set[str]] = {familiar: set(), unseen: set()}
     for cell in recordings_by_cell(recordings, "the study"):
-        order = [cell[i] for i in rng.permutation(len(cell))]
-        ids = [r.recording_id for r in order]
-        if order[0].specimen in held_out:
-            spare = (
-                1
-                if order[0].label == "normal"
-                and (len(ids) > 1 or not scenario.is_at_pressure(order[0]))
-                else 0
-            )
-            references |= set(ids[:spare])
-            tests[unseen] |= set(ids[spare:]) if scenario.is_at_pressure(order[0]) else set()
+        shuffled = [cell[i] for i in rng.permutation(len(cell))]
+        ids = [recording.recording_id for recording in shuffled]
+        is_tested = scenario.is_at_pressure(cell[0])
+
+        if cell[0].specimen in held_out_specimens:
+            is_spare = len(ids) > 1 or not is_tested
+            n_references = 1 if cell[0].label == "normal" and is_spare else 0
+            references.update(ids[:n_references])
+            if is_tested:
+                tests[unseen].update(ids[n_references:])
             continue
-        count = _training_count(order, scenario)
-        tests[familiar] |= set(ids[count:]) if scenario.is_at_pressure(order[0]) else set()
-        if scenario.is_scarce(order[0]):
-            lenders_by_class[str(order[0].label)].append(ids[:count])
+
+        n_training = _count_training(shuffled, scenario)
+        if is_tested:
+            tests[familiar].update(ids[n_training:])
+        if scenario.is_scarce(cell[0]):
+            lenders_by_class[str(cell[0].label)].append(ids[:n_training])
         else:
-            train |= set(ids[:count])
-    for split, whose in ((familiar, "trained on"), (unseen, "held out")):
+            train.update(ids[:n_training])
+
+    for split, description in ((familiar, "training"), (unseen, "held-out")):
         if not tests[split]:
             raise DataError(
-                f"the study tests at {scenario.pressure / 1e6:g} MPa, the pressure of the paper's cases, and the "
-                f"specimens that are {whose} have no recording to test there."
+                f"The study tests at {scenario.pressure / 1e6:g} MPa, the pressure of the paper's "
+                f"cases, and the {description} specimens have no recording to test there."
             )
-    lenders = {name: _in_turns(lists, rng) for name, lists in lenders_by_class.items()}
+
     return ScenarioSplit(
         frozenset(train),
-        lenders,
+        {name: _alternate(lists, rng) for name, lists in lenders_by_class.items()},
         frozenset(references),
         {name: frozenset(ids) for name, ids in tests.items()},
     )
 
 
-def _training_count(cell: Sequence[Recording], scenario: Scenario) -> int:
-    """How many recordings of a training specimen's cell train."""
+def _draw_held_out(
+    recordings: Sequence[Recording], scenario: Scenario, rng: np.random.Generator
+) -> set[str]:
+    specimens = sorted({str(recording.specimen) for recording in recordings})
+    min_specimens = scenario.held_out + 1
+    if len(specimens) < min_specimens:
+        raise DataError(
+            f"The study needs at least {min_specimens} specimens, {scenario.held_out} of them held "
+            f"out; the recordings have {len(specimens)} ({', '.join(specimens)}). Specify the "
+            "specimen of each recording in the index."
+        )
+
+    return set(rng.permutation(specimens).tolist()[: scenario.held_out])
+
+
+def _count_training(cell: Sequence[Recording], scenario: Scenario) -> int:
+    """Return the number of training recordings in a cell of a training specimen."""
     if len(cell) > 1:
         return len(cell) - max(1, len(cell) // 3)
+
     if scenario.is_at_pressure(cell[0]):
         raise DataError(
-            f"the study needs two recordings of {cell[0].label} at {scenario.pressure / 1e6:g} MPa of specimen "
-            f"{cell[0].specimen}, one to train and one to test; there is one, {cell[0].recording_id}."
+            f"The study needs two recordings of {cell[0].label} at {scenario.pressure / 1e6:g} MPa "
+            f"of specimen {cell[0].specimen}, one to train and one to test; there is only "
+            f"{cell[0].recording_id}."
         )
     return 1
 
 
-def _in_turns(lists: Sequence[Sequence[str]], rng: np.random.Generator) -> tuple[str, ...]:
-    """One recording of each specimen after the other, then the second ones: the first few share one
-    specimen each.
-    """
-    order = [lists[i] for i in rng.permutation(len(lists))]
-    most = max((len(ids) for ids in order), default=0)
-    return tuple(ids[turn] for turn in range(most) for ids in order if turn < len(ids))
+def _alternate(lists: Sequence[Sequence[str]], rng: np.random.Generator) -> tuple[str, ...]:
+    """Return the recordings of the specimens in turns: all first ones, then all second ones."""
+    shuffled = [lists[i] for i in rng.permutation(len(lists))]
+    turns = zip_longest(*shuffled)
+    return tuple(name for turn in turns for name in turn if name is not None)

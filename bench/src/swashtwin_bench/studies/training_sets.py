@@ -1,4 +1,4 @@
-"""Training sets by name: what was measured, and what fills the scarce cells beside it."""
+"""Training sets by name: the measured windows, and what fills the scarce cells."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,53 +19,59 @@ from swashtwin_bench.fillers.available_fillers import FILLERS
 from swashtwin_bench.studies.dataset import StudyDataset
 
 CALIBRATED_TWINS = ("calibrated", "posterior", "law")
-"""What twins that need a calibration fill with: as calibrated, as drawn from what the calibrations
-leave open, as calibrated with the law of the recess.
-"""
+"""Sources of calibrated twins: as calibrated, drawn from the posterior, with calibrated law."""
 
 RIG_VARIATION = Variation(severity=0.2, angle=math.radians(0.5))
-"""Severities and places spread as on version 1 of the rig: what somebody knows who has seen many of
-its pumps.
+"""Spread of severities and positions as on version 1 of the rig.
+
+This assumes knowledge of many of its pumps.
 """
 
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """What a training set holds besides the measured windows."""
+    """Additions to the measured windows, and the weights of classes."""
 
     source: str | None = None
-    """``"nominal"``, a name in `CALIBRATED_TWINS` or in `FILLERS`, or None for nothing."""
+    """Source of synthetic windows: ``"nominal"``, a name in `CALIBRATED_TWINS` or in `FILLERS`, or
+    None for no synthetic windows.
+    """
     every_class: bool = False
-    """Fill every class at the scarce cells' pressure and not the scarce ones alone: the control of
-    the fingerprint trap, for then "synthetic" tells no class.
+    """Fill all classes at the pressure of the scarce cells, not only the scarce ones.
+
+    This controls for the fingerprint trap: "synthetic" then does not reveal the class.
     """
     class_weights: bool = False
-    """Let every class count the same in a network's loss, in place of windows."""
+    """Give all classes, instead of all windows, the same weight in the loss of a network."""
     default_prior: bool = False
-    """Spread severities and places as `synthesize` does, and not by `RIG_VARIATION`."""
+    """Spread severities and positions as `synthesize` does, not by `RIG_VARIATION`."""
 
     def __post_init__(self) -> None:
-        filling = ("nominal", *CALIBRATED_TWINS, *FILLERS)
-        if self.source is not None and self.source not in filling:
-            raise InputError(f"nothing fills by {self.source!r}; there are {', '.join(filling)}.")
+        sources = ("nominal", *CALIBRATED_TWINS, *FILLERS)
+        if self.source is not None and self.source not in sources:
+            raise InputError(
+                f"Unknown source {self.source!r} of synthetic windows: must be one of "
+                f"{', '.join(sources)}."
+            )
 
     @property
     def variation(self) -> Variation:
-        """What differs from one window of twins to the next."""
+        """Variation between the windows that twins simulate."""
         return DEFAULT_VARIATION if self.default_prior else RIG_VARIATION
 
     def describe(self, faults: Mapping[str, Sequence[Fault]]) -> dict[str, Any]:
-        """Settings as JSON can hold them, those of whatever fills among them.
+        """Return the settings, including those of the source, as JSON can hold them.
 
         Parameters
         ----------
-        faults : what twins simulate of each class, where they fill all of them.
+        faults : faults that twins simulate, by class.
         """
         filler = None
         if self.source is not None:
             filler = repr(FILLERS.get(self.source, self.variation))
+
         table = {**asdict(self), "filler": filler}
-        del table["default_prior"]  # the filler's spreads tell it
+        del table["default_prior"]  # the variation in "filler" shows it
         if self.every_class:
             table["faults"] = {
                 name: [repr(fault) for fault in faults[name]] for name in sorted(faults)
@@ -80,12 +86,12 @@ PAPER_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
         "calibrated": TrainingSet("calibrated"),
     }
 )
-"""The paper's three training sets."""
+"""The three training sets of the paper."""
 
 FAIR_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
     {**PAPER_TRAINING_SETS, "law": TrainingSet("law")}
 )
-"""The paper's three, and calibrated twins whose recess acts by the law that was identified."""
+"""Those of the paper, and calibrated twins with the identified law of the recess."""
 
 TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
     {
@@ -96,84 +102,113 @@ TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
         "every_class": TrainingSet("calibrated", every_class=True),
     }
 )
-"""What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; drawn so
-with severities of a stated prior, as `synthesize` does by default; calibrated, for every class
-alike.
+"""Training sets that twins fill.
+
+Twins are nominal, calibrated, drawn from the posterior of the calibrations, drawn with the default
+severities of `synthesize`, or calibrated and used for every class.
 """
 
 
 def fill_cells(
     dataset: StudyDataset, training_set: TrainingSet
 ) -> tuple[WindowSet, dict[str, float]]:
-    """(synthetic windows that a training set adds, figures of them)."""
+    """Return the synthetic windows that a training set adds, and metrics of them."""
     synthetic = synthesize_for(dataset, training_set)
-    value = synthetic_auroc(dataset, synthetic) if len(synthetic) else math.nan
-    values = {} if math.isnan(value) else {"discriminator": value}
-    return synthetic, values
+    if len(synthetic) == 0:
+        return synthetic, {}
+
+    auroc = synthetic_auroc(dataset, synthetic)
+    if math.isnan(auroc):
+        return synthetic, {}
+    return synthetic, {"discriminator": auroc}
 
 
 def synthetic_auroc(dataset: StudyDataset, synthetic: WindowSet) -> float:
-    """AUROC of trees that tell measured windows of the filled cells from synthetic ones: the
-    fingerprint trap.
+    """Return the AUROC of trees that separate measured from synthetic windows of the filled cells.
 
-    0.5 is not at all, 1 always; NaN where there are too few windows or recordings. The measured
-    windows are those of the nearer test, which no filler saw; nothing is chosen by it.
+    It measures the fingerprint trap: 0.5 means indistinguishable, 1 perfectly separable; NaN means
+    too few windows or recordings. The measured windows are those of the test on known pumps, which
+    no filler was fitted on; nothing is selected by the result.
     """
-    test, scarce = dataset.tests[dataset.scenario.splits[0]], dataset.scenario.scarce
-    measured, synthetic = (
-        test.subset(np.isin(test.label, scarce)),
-        synthetic.subset(np.isin(synthetic.label, scarce)),
-    )
+    test = dataset.tests[dataset.scenario.splits[0]]
+    scarce = dataset.scenario.scarce
+    measured = test.subset(np.isin(test.label, scarce))
+    synthetic = synthetic.subset(np.isin(synthetic.label, scarce))
+
     if len(set(measured.recording_id.tolist())) < 2 or len(synthetic) < 2:
         return math.nan
     return discriminative_score(measured, synthetic, seed=dataset.seed)
 
 
 def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSet:
-    """The synthetic windows that a training set adds; none where nothing fills."""
+    """Return the synthetic windows that a training set adds; none if it has no source."""
     measured = dataset.measured
+    scenario = dataset.scenario
     synthetic = measured.subset(np.zeros(len(measured), dtype=bool))
-    count = dataset.scenario.synthetic
-    if training_set.source is None or count == 0:
+    if training_set.source is None or scenario.synthetic == 0:
         return synthetic
-    for label in measured.classes if training_set.every_class else dataset.scenario.scarce:
+
+    filler = FILLERS.get(training_set.source)
+    for label in measured.classes if training_set.every_class else scenario.scarce:
+        # The seeds of the libraries are below 2^31.
         seed = derive_seed(dataset.seed, "filling", label) % 2**31
-        if (filler := FILLERS.get(training_set.source)) is not None:
-            made = filler(
-                measured, label=label, pressure=dataset.scenario.pressure, count=count, seed=seed
+        if filler is not None:
+            windows = filler(
+                measured,
+                label=label,
+                pressure=scenario.pressure,
+                count=scenario.synthetic,
+                seed=seed,
             )
         else:
             twins, posteriors, laws = build_twins(dataset, training_set.source, label)
-            made = simulate_windows(
-                twins, count=count, like=measured, seed=seed, variation=training_set.variation, posterior=posteriors,
+            windows = simulate_windows(
+                twins,
+                count=scenario.synthetic,
+                like=measured,
+                seed=seed,
+                variation=training_set.variation,
+                posterior=posteriors,
                 law=laws,
-            )  # fmt: skip
-        synthetic = synthetic + made
+            )
+        synthetic = synthetic + windows
+
     return synthetic
 
 
 def build_twins(
-    dataset: StudyDataset, by: str, label: str
+    dataset: StudyDataset, source: str, label: str
 ) -> tuple[list[Twin], list[Posterior] | None, list[FaultLaw | None] | None]:
-    """Twins of a class at the scarce cells' pressure, one of each kind of fault for each speed and
-    training specimen; what their calibrations leave open, where it is to be drawn from; and the law
-    of each, where it is to be used.
+    """Return the twins of a class at the pressure of the scarce cells.
+
+    There is one for each kind of fault, speed and training specimen. Their posteriors are returned
+    if the source draws from them, and their laws if it uses them; else None.
     """
-    scenario, conditions = dataset.scenario, dataset.conditions()
-    faults = scenario.faults[label] if label != "normal" else (None,)
-    if by == "nominal":
-        return (
-            [Twin(scenario.pump, condition, fault) for fault in faults for condition in conditions],
-            None,
-            None,
-        )
-    simulated = list(product(faults, conditions, dataset.calibrations_for(label)))
-    twins = [
-        calibration.twin.at(condition).with_fault(fault)
-        for fault, condition, calibration in simulated
-    ]
-    posteriors = (
-        [calibration.posterior for _, _, calibration in simulated] if by == "posterior" else None
+    scenario = dataset.scenario
+    conditions = dataset.conditions()
+    faults: Sequence[Fault | None] = (None,)
+    if label != "normal":
+        faults = scenario.faults[label]
+
+    if source == "nominal":
+        twins = [
+            Twin(scenario.pump, condition, fault)
+            for fault, condition in product(faults, conditions)
+        ]
+        return twins, None, None
+
+    twins = []
+    posteriors = []
+    laws = []
+    for fault, condition, calibration in product(
+        faults, conditions, dataset.calibrations_for(label)
+    ):
+        twins.append(calibration.twin.at(condition).with_fault(fault))
+        posteriors.append(calibration.posterior)
+        laws.append(calibration.law)
+
+    return (
+        twins,
+        posteriors if source == "posterior" else None,
+        laws if source == "law" else None,
     )
-    laws = [calibration.law for _, _, calibration in simulated] if by == "law" else None
-    return twins, posteriors, laws

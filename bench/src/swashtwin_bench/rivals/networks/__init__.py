@@ -1,4 +1,4 @@
-"""Networks that ours are compared with; importing this module makes them known by name."""
+"""Networks that ours are compared with; importing this module registers their names."""
 
 from swashtwin.learning import Network, register_network
 from swashtwin_bench.rivals.networks.autoencoder import StackedAutoencoder
@@ -10,9 +10,17 @@ from swashtwin_bench.rivals.networks.tcn import TCN
 from swashtwin_bench.rivals.networks.wdcnn import WDCNN
 
 RIVALS: tuple[type[Network], ...] = (
-    SpectralBiTCN, TCN, LSTM, BiLSTM, BiGRU, WDCNN, CNNLSTM, StackedAutoencoder, SensorGraph,
-)  # fmt: skip
-"""Classes of the networks."""
+    SpectralBiTCN,
+    TCN,
+    LSTM,
+    BiLSTM,
+    BiGRU,
+    WDCNN,
+    CNNLSTM,
+    StackedAutoencoder,
+    SensorGraph,
+)
+"""Classes of the registered networks."""
 
 for _network in RIVALS:
     register_network(_network.name, _network)

@@ -1,4 +1,4 @@
-"""Stacked sparse autoencoder whose encoders begin a classifier."""
+"""Classifier that starts from the encoders of a stacked sparse autoencoder."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -10,18 +10,24 @@ from torch.nn import functional
 
 from swashtwin.learning import Network, batches
 
-_BATCH = 64
+_BATCH_SIZE = 64
 _LEARNING_RATE = 1e-3
+
+# Added to power and amplitude, so that the logarithm of silence is finite.
+_POWER_FLOOR = 1e-20
+_AMPLITUDE_FLOOR = 1e-8
+
+# Mean activations stay this far from 0 and 1, so that the divergence is finite.
+_ACTIVATION_MARGIN = 1e-6
 
 
 class SpectrumLines(nn.Module):
-    """Level of each of `n_lines` equal bands of each channel's spectrum, scaled by what training
-    windows had there.
+    """Logarithmic amplitude in `n_lines` equal bands of the spectrum of each channel, standardized.
 
-    ln of the mean amplitude within the band, mean removed, Hann taper, from half the first line to
-    half the rate; then batch normalization without weights. A fully connected layer has no notion
-    of time: it would have to learn a fault anew for every moment at which a window may begin, while
-    the amplitudes do not move.
+    It is ln of the mean amplitude in the band (mean removed, Hann taper, from half the first line
+    to half the sample rate), then batch normalization without weights. A fully connected layer has
+    no notion of time: it would have to learn a fault for each moment at which a window may begin,
+    while amplitudes do not depend on it.
     """
 
     def __init__(self, n_channels: int, n_lines: int) -> None:
@@ -32,25 +38,28 @@ class SpectrumLines(nn.Module):
     def forward(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window line"]:
-        """Levels, channel after channel."""
+        """Return the standardized band amplitudes, channel after channel."""
         length = windows.shape[-1]
         taper = torch.hann_window(length, device=windows.device)
         centered = windows - windows.mean(dim=-1, keepdim=True)
+
         spectrum = torch.view_as_real(torch.fft.rfft(centered * taper, dim=-1)[..., 1:])
-        amplitude = 2 / taper.sum() * (spectrum.square().sum(dim=-1) + 1e-20).sqrt()
-        levels = torch.log(functional.adaptive_avg_pool1d(amplitude, self.n_lines) + 1e-8)
-        scaled: Tensor = self.scaling(levels.flatten(1))
-        return scaled
+        power = spectrum.square().sum(dim=-1) + _POWER_FLOOR
+        amplitude = 2 / taper.sum() * power.sqrt()
+        bands = functional.adaptive_avg_pool1d(amplitude, self.n_lines)
+
+        standardized: Tensor = self.scaling(torch.log(bands + _AMPLITUDE_FLOOR).flatten(1))
+        return standardized
 
 
 class StackedAutoencoder(Network):
-    """Stacked sparse autoencoders, then a deep network that starts from their encoders (DOI
-    10.1155/2018/2919637).
+    """Stacked sparse autoencoders, then a deep network that starts from their encoders.
 
-    As Sohaib and Kim 2018: each layer first learns, without any class, to give back what the layer
-    before it says (greedy, layer after layer), with a penalty that keeps its units silent most of
-    the time; then all layers and a last one are trained together on the classes. With x the input,
-    h = sigmoid(W x + b) of m windows and ρ̂_j the mean of unit j over them, a layer lowers
+    After Sohaib and Kim 2018 (DOI 10.1155/2018/2919637). Each layer first learns, without classes,
+    to restore the output of the previous layer (greedy, layer by layer), with a penalty that keeps
+    its units inactive most of the time; then all layers and a last one are trained together on the
+    classes. With x the input, h = sigmoid(W x + b) of m windows and ρ̂_j the mean of unit j over
+    them, a layer minimizes
 
         (1 / 2m) Σ ‖Wᵀ h + c - x‖² + β Σ_j KL(ρ ‖ ρ̂_j),  KL(ρ ‖ ρ̂) = ρ ln(ρ / ρ̂) + (1 - ρ) ln((1
         - ρ) / (1 - ρ̂)).
@@ -68,12 +77,12 @@ class StackedAutoencoder(Network):
     Parameters
     ----------
     n_channels : channels of a window.
-    n_classes : classes told apart.
+    n_classes : number of classes.
     hidden : size of each layer.
     n_lines : bands of the spectrum of each channel.
-    sparsity : ρ, the share of the time that a unit should be awake.
+    sparsity : ρ, the target of the mean activation of a unit.
     sparsity_weight : β, weight of the penalty.
-    pretraining_epochs : passes over the training windows for each layer, before any class is seen.
+    pretraining_epochs : passes over the training windows for each layer without classes.
     """
 
     name: ClassVar[str] = "autoencoder"
@@ -91,9 +100,14 @@ class StackedAutoencoder(Network):
     ) -> None:
         hidden = tuple(hidden)
         super().__init__(
-            n_channels=n_channels, n_classes=n_classes, hidden=hidden, n_lines=n_lines, sparsity=sparsity,
-            sparsity_weight=sparsity_weight, pretraining_epochs=pretraining_epochs,
-        )  # fmt: skip
+            n_channels=n_channels,
+            n_classes=n_classes,
+            hidden=hidden,
+            n_lines=n_lines,
+            sparsity=sparsity,
+            sparsity_weight=sparsity_weight,
+            pretraining_epochs=pretraining_epochs,
+        )
         self.spectrum = SpectrumLines(n_channels, n_lines)
         sizes = zip((n_channels * n_lines, *hidden[:-1]), hidden, strict=True)
         self.encoders = nn.ModuleList(nn.Linear(n_in, n_out) for n_in, n_out in sizes)
@@ -102,53 +116,53 @@ class StackedAutoencoder(Network):
     def encode(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window feature"]:
-        """What the last encoder says."""
+        """Return the output of the last encoder."""
         x = self.spectrum(windows)
         for encoder in self.encoders:
             x = torch.sigmoid(encoder(x))
         return x
 
     def pretrain(self, windows: Float[Tensor, "window channel time"], seed: int) -> None:
-        """Train each encoder in turn so that a decoder can restore its input from few active
-        units.
-        """
+        """Train each encoder in turn to restore its input from few active units."""
         order = torch.Generator().manual_seed(seed)
+
+        # In training mode, so that batch normalization learns the statistics of the spectra.
         self.spectrum.train()
         with torch.no_grad():
-            x = torch.cat(
-                [
-                    self.spectrum(windows[batch])
-                    for batch in batches(torch.arange(len(windows)), _BATCH * 4)
-                ]
-            )
+            spectra = [
+                self.spectrum(windows[batch])
+                for batch in batches(torch.arange(len(windows)), 4 * _BATCH_SIZE)
+            ]
+        x = torch.cat(spectra)
+
         for encoder in self.encoders:
             assert isinstance(encoder, nn.Linear)
-            self._learn_to_undo(encoder, x, order)
+            self._train_encoder(encoder, x, order)
             with torch.no_grad():
                 x = torch.sigmoid(encoder(x))
 
-    def _learn_to_undo(
+    def _train_encoder(
         self, encoder: nn.Linear, x: Float[Tensor, "window value"], order: torch.Generator
     ) -> None:
         offset = x.mean(dim=0).requires_grad_()
         optimizer = torch.optim.Adam([*encoder.parameters(), offset], lr=_LEARNING_RATE)
         for _ in range(self.settings["pretraining_epochs"]):
-            for batch in torch.randperm(len(x), generator=order).to(x.device).split(_BATCH):
+            shuffled = torch.randperm(len(x), generator=order).to(x.device)
+            for batch in shuffled.split(_BATCH_SIZE):
                 optimizer.zero_grad()
-                self._loss(encoder, offset, x[batch]).backward()
+                self._compute_loss(encoder, offset, x[batch]).backward()
                 optimizer.step()
 
-    def _loss(
+    def _compute_loss(
         self, encoder: nn.Linear, offset: Float[Tensor, " value"], x: Float[Tensor, "window value"]
     ) -> Tensor:
         hidden = torch.sigmoid(encoder(x))
-        given_back = functional.linear(hidden, encoder.weight.T, offset)
-        awake, wanted = (
-            hidden.mean(dim=0).clamp(1e-6, 1 - 1e-6),
-            torch.tensor(self.settings["sparsity"]),
+        restored = functional.linear(hidden, encoder.weight.T, offset)
+        error = (restored - x).square().sum(dim=1).mean() / 2
+
+        target = torch.tensor(self.settings["sparsity"])
+        activation = hidden.mean(dim=0).clamp(_ACTIVATION_MARGIN, 1 - _ACTIVATION_MARGIN)
+        divergence = target * torch.log(target / activation) + (1 - target) * torch.log(
+            (1 - target) / (1 - activation)
         )
-        divergence = wanted * torch.log(wanted / awake) + (1 - wanted) * torch.log(
-            (1 - wanted) / (1 - awake)
-        )
-        error = (given_back - x).square().sum(dim=1).mean() / 2
         return error + self.settings["sparsity_weight"] * divergence.sum()

@@ -1,4 +1,4 @@
-"""Convolutions that a recurrent network reads."""
+"""Convolutions followed by a recurrent network."""
 
 from typing import ClassVar
 
@@ -12,9 +12,9 @@ from swashtwin.learning import Network
 class CNNLSTM(Network):
     """Convolutions followed by LSTM, Pan, He, Tang and Meng 2018 (DOI 10.5545/sv-jme.2018.5249).
 
-    Two convolutions with ReLU and maximum pooling by 2 make steps out of samples, one LSTM reads
-    the steps, and its state after the last one is what is known of the window. That order is
-    theirs; the sizes, batch normalization and the strides are **our reading**. Weights, with C =
+    Two convolutions with ReLU and maximum pooling by 2 turn samples into steps, and one LSTM reads
+    the steps; its last state describes the window. This order is theirs; sizes, batch
+    normalization and strides are **our reading**. Weights, with C =
     `n_channels`, F = `width`, H = `hidden`:
 
     ============================= ============
@@ -28,11 +28,11 @@ class CNNLSTM(Network):
     Parameters
     ----------
     n_channels : channels of a window.
-    n_classes : classes told apart.
+    n_classes : number of classes.
     width : features of the first convolution; the second has twice as many.
-    hidden : size of the LSTM's state.
+    hidden : size of the state of the LSTM.
     stride : samples from step to step of the first convolution, which has 64 taps.
-    dropout : share of the features dropped in training.
+    dropout : share of the features that is dropped in training.
     """
 
     name: ClassVar[str] = "cnn_lstm"
@@ -72,9 +72,11 @@ class CNNLSTM(Network):
     def encode(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window feature"]:
-        """State of the LSTM after the last step; a window under four steps gets zeros before it."""
-        short = max(0, 4 * self.settings["stride"] - windows.shape[-1])
-        steps = self.convolutions(functional.pad(windows, (short, 0)))
+        """Return the state of the LSTM after the last step."""
+        # Two poolings by 2 need four steps: a shorter window gets leading zeros.
+        n_missing = max(0, 4 * self.settings["stride"] - windows.shape[-1])
+        steps = self.convolutions(functional.pad(windows, (n_missing, 0)))
+
         output, _ = self.recurrence(steps.transpose(1, 2))
         features: Tensor = self.dropout(output[:, -1])
         return features

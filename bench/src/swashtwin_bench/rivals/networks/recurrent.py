@@ -1,6 +1,4 @@
-"""Recurrent networks, which read a window in patches and answer with what they remember at its
-end.
-"""
+"""Recurrent networks, which read a window in patches and classify by their last state."""
 
 from typing import ClassVar
 
@@ -9,16 +7,17 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from swashtwin.learning import Network
-from swashtwin_bench.rivals.networks.tcn import whole_patches
+from swashtwin_bench.rivals.networks.tcn import pad_to_patches
 
 
 class Recurrent(Network):
-    """Base of the recurrent networks; a subclass says which cell, and whether it reads both ways.
+    """Base of the recurrent networks; a subclass specifies the cell and the directions.
 
-    A step takes `patch` samples of every channel at once. **Our reading**, for lack of any in the
-    paper: 128 steps of 16 samples can be learned through, 2,048 steps of one sample hardly can, and
-    would make the network a straw man. Weights, with C = `n_channels`, H = `hidden`, p = `patch`, g
-    = 4 for LSTM and 3 for GRU, d = 2 where both ways are read, else 1; each direction has its own:
+    A step takes `patch` samples of every channel at once. This is **our reading**, since the paper
+    does not specify it: gradients pass through 128 steps of 16 samples, but hardly through 2,048
+    steps of one sample, which would make the network a straw man. Weights, with C = `n_channels`,
+    H = `hidden`, p = `patch`, g = 4 for LSTM and 3 for GRU, d = 2 if it is bidirectional, else 1;
+    each direction has its weights:
 
     ===================================== ==============
     ``recurrence.weight_ih_l0``           (g H, C p)
@@ -30,11 +29,11 @@ class Recurrent(Network):
     Parameters
     ----------
     n_channels : channels of a window.
-    n_classes : classes told apart.
+    n_classes : number of classes.
     hidden : size of the state of each layer and direction.
-    layers : recurrent layers above each other.
+    layers : number of stacked recurrent layers.
     patch : samples per step; 1 is the raw signal.
-    dropout : share of the features dropped in training, between the layers and at the end.
+    dropout : share of the features that is dropped in training, between layers and at the end.
     """
 
     cell: ClassVar[type[nn.LSTM] | type[nn.GRU]]
@@ -72,23 +71,23 @@ class Recurrent(Network):
     def encode(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window feature"]:
-        """State of the last layer after the last step of each direction."""
-        patches = whole_patches(windows, self.settings["patch"]).unflatten(
-            -1, (-1, self.settings["patch"])
-        )
+        """Return the state of the last layer after the last step of each direction."""
+        patch = self.settings["patch"]
+        patches = pad_to_patches(windows, patch).unflatten(-1, (-1, patch))
         output, _ = self.recurrence(patches.transpose(1, 2).flatten(2))
+
+        # The backward direction ends at the first step; its part is empty in a network without it.
         hidden = self.settings["hidden"]
-        ends = [
-            output[:, -1, :hidden],
-            output[:, 0, hidden:],
-        ]  # the second is empty where one way is read
-        dropped: Tensor = self.dropout(torch.cat(ends, dim=-1))
-        return dropped
+        forward_state = output[:, -1, :hidden]
+        backward_state = output[:, 0, hidden:]
+        features: Tensor = self.dropout(torch.cat([forward_state, backward_state], dim=-1))
+        return features
 
 
 class LSTM(Recurrent):
-    """Long short-term memory of Hochreiter and Schmidhuber 1997 (DOI 10.1162/neco.1997.9.8.1735),
-    on patches.
+    """Long short-term memory on patches, Hochreiter and Schmidhuber 1997.
+
+    DOI 10.1162/neco.1997.9.8.1735.
     """
 
     name: ClassVar[str] = "lstm"
@@ -97,8 +96,9 @@ class LSTM(Recurrent):
 
 
 class BiLSTM(Recurrent):
-    """Bidirectional LSTM of Graves and Schmidhuber 2005 (DOI 10.1016/j.neunet.2005.06.042), on
-    patches.
+    """Bidirectional LSTM on patches, Graves and Schmidhuber 2005.
+
+    DOI 10.1016/j.neunet.2005.06.042.
     """
 
     name: ClassVar[str] = "bilstm"
@@ -107,10 +107,9 @@ class BiLSTM(Recurrent):
 
 
 class BiGRU(Recurrent):
-    """Gated recurrent units of Cho et al. 2014 (DOI 10.3115/v1/D14-1179), read both ways, on
-    patches.
+    """Bidirectional gated recurrent units on patches, Cho et al. 2014 (DOI 10.3115/v1/D14-1179).
 
-    Sample both ways is of Schuster and Paliwal 1997 (DOI 10.1109/78.650093).
+    Reading in both directions is due to Schuster and Paliwal 1997 (DOI 10.1109/78.650093).
     """
 
     name: ClassVar[str] = "bigru"

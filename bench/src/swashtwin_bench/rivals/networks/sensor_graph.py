@@ -1,4 +1,4 @@
-"""Graph network over sensors."""
+"""Graph network whose nodes are sensors."""
 
 import math
 from typing import ClassVar
@@ -11,20 +11,21 @@ from swashtwin.learning import Network
 
 
 class SensorGraph(Network):
-    """Graph convolution over sensors with a learned adjacency, after Wu et al. 2019 (DOI
-    10.24963/ijcai.2019/264).
+    """Graph convolution over sensors with a learned adjacency, after Wu et al. 2019.
 
-    Each channel is a node. One encoder, the same for all nodes, makes features of each node's
-    signal; then, layer after layer, every node mixes them with those of the nodes that it learned
-    to listen to, H ← H + ReLU(A H W), with
+    DOI 10.24963/ijcai.2019/264. Each channel is a node. One encoder, the same for all nodes,
+    computes features of the signal of each node; then each layer mixes the features of a node with
+    those of the nodes that it has learned to depend on, H ← H + ReLU(A H W), with
 
         A = softmax over columns of E_1 E_2ᵀ / √d,
 
-    E_1 and E_2 (channels, d) being learned: no one tells how sensors hang together. The graph
-    convolution is Kipf and Welling's (DOI 10.48550/arXiv.1609.02907). **Our reading**: the encoder,
-    the skip, no ReLU within the softmax, and that the nodes are laid side by side at the end and
-    not averaged, since which sensor hears a fault tells where it is. With one channel A is 1 and
-    the network is its encoder. Weights, with C = `n_channels`, F = `width`, d = `embedding`:
+    where E_1 and E_2 (channels, d) are learned, because the relations of sensors are unknown. The
+    graph convolution is that of Kipf and Welling (DOI 10.48550/arXiv.1609.02907). **Our reading**:
+    the encoder, the skip, no ReLU within the softmax, and that nodes are concatenated at the end
+    instead of averaged, since the sensor that measures a fault shows its position. With one channel
+    A is 1 and the network is its encoder.
+
+    Weights, with C = `n_channels`, F = `width`, d = `embedding`:
 
     ================= ================
     ``encoder.0``     (F, 1, 64)
@@ -39,12 +40,12 @@ class SensorGraph(Network):
     Parameters
     ----------
     n_channels : channels of a window.
-    n_classes : classes told apart.
+    n_classes : number of classes.
     width : features of each node.
-    layers : graph convolutions.
-    embedding : numbers by which a node tells what it listens to, and what it has to say.
+    layers : number of graph convolutions.
+    embedding : length d of the learned vectors from which the adjacency is computed.
     stride : samples from step to step of the encoder's first convolution, which has 64 taps.
-    dropout : share of the features dropped in training.
+    dropout : share of the features that is dropped in training.
     """
 
     name: ClassVar[str] = "sensor_graph"
@@ -61,9 +62,14 @@ class SensorGraph(Network):
         dropout: float = 0.1,
     ) -> None:
         super().__init__(
-            n_channels=n_channels, n_classes=n_classes, width=width, layers=layers, embedding=embedding, stride=stride,
+            n_channels=n_channels,
+            n_classes=n_classes,
+            width=width,
+            layers=layers,
+            embedding=embedding,
+            stride=stride,
             dropout=dropout,
-        )  # fmt: skip
+        )
         self.encoder = nn.Sequential(
             nn.Conv1d(1, width, 64, stride=stride, padding=32),
             nn.BatchNorm1d(width),
@@ -77,30 +83,28 @@ class SensorGraph(Network):
             nn.BatchNorm1d(width),
             nn.ReLU(),
         )
-        self.listening, self.speaking = (
-            nn.Parameter(torch.randn(n_channels, embedding)) for _ in range(2)
-        )
+        self.listening = nn.Parameter(torch.randn(n_channels, embedding))
+        self.speaking = nn.Parameter(torch.randn(n_channels, embedding))
         self.mixing = nn.ModuleList(nn.Linear(width, width) for _ in range(layers))
         self.dropout = nn.Dropout(dropout)
         self.head = nn.Linear(n_channels * width, n_classes)
 
     @property
     def adjacency(self) -> Float[Tensor, "listener speaker"]:
-        """How much each channel listens to each; rows sum to 1."""
-        return torch.softmax(
-            self.listening @ self.speaking.T / math.sqrt(self.settings["embedding"]), dim=-1
-        )
+        """Weight of each channel in the features of each channel; rows sum to 1."""
+        similarity = self.listening @ self.speaking.T / math.sqrt(self.settings["embedding"])
+        return torch.softmax(similarity, dim=-1)
 
     def encode(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window feature"]:
-        """Features of all nodes after the last mixing, side by side."""
-        nodes = (
-            self.encoder(windows.flatten(0, 1).unsqueeze(1))
-            .mean(dim=-1)
-            .unflatten(0, (-1, self.n_channels))
-        )
+        """Return the features of all nodes after the last mixing, concatenated."""
+        # The encoder sees every channel as a window of one channel.
+        encoded = self.encoder(windows.flatten(0, 1).unsqueeze(1)).mean(dim=-1)
+        nodes = encoded.unflatten(0, (-1, self.n_channels))
+
         for mix in self.mixing:
             nodes = nodes + torch.relu(mix(self.adjacency @ nodes))
+
         features: Tensor = self.dropout(nodes.flatten(1))
         return features

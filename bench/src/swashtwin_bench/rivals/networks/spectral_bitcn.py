@@ -1,8 +1,8 @@
-"""BiTCN that reads a window as the ear does: as levels in bands, and not as samples."""
+"""BiTCN on band powers of a window instead of its samples."""
 
 import math
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Float
@@ -13,32 +13,49 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import Branch, Network
 from swashtwin.signals import band_shares
 
-_FRAME, _HOP, _BANDS = 256, 64, 24
-"""Samples of a frame and from one to the next; logarithmic bands of a frame."""
-_LINES, _LINE_SHARE, _LINE_BANDS = 200, 200 / 1024, 32
-_ENVELOPE_LINES, _ENVELOPE_SHARE, _ENVELOPE_FROM = 64, 64 / 1024, (0.0, 1000 / 12800)
+# Short-time spectrum: samples of a frame, samples between frames, logarithmic bands.
+_FRAME = 256
+_HOP = 64
+_FRAME_BANDS = 24
+
+# Spectrum of the whole window: equal bands of its lowest share, and logarithmic bands of all of it.
+_LINES = 200
+_LINE_SHARE = 200 / 1024
+_LINE_BANDS = 32
+
+# Envelope spectra: equal bands, their share of the spectrum, and the lowest share of half the
+# sample rate in the envelope: all of it, or what is above 1 kHz at 25.6 kHz.
+_ENVELOPE_LINES = 64
+_ENVELOPE_SHARE = 64 / 1024
+_ENVELOPE_FROM = (0.0, 1000 / 12800)
+
+# Minimum standard deviation of a band power: one that is constant in training is not amplified.
+_MIN_DEVIATION = 1e-3
+
+# Numerical floors of the deviation of a window, and of the logarithms of its shape.
+_SIGNAL_FLOOR = 1e-6
+_SHAPE_FLOOR = 1e-3
 
 
 class SpectralBiTCN(Network):
-    """BiTCN over short-time spectra, beside the lines and envelopes of the whole window; ours, and
-    the default.
+    """BiTCN on short-time spectra, with a hidden layer on spectra of the whole window; ours.
 
     The two branches of the paper's `BiTCN` (DOI 10.1177/00202940261419020), dilated causal residual
-    units with squeeze-and-excitation, here read levels of 24 bands in frames of 256 samples, 64
-    samples apart: about 30 steps instead of 2048, whose receptive field is the whole window. Their
-    sum's mean and greatest value over time stand beside a hidden layer over what has no moment: the
-    window's lines up to a fifth of half the sample rate, its envelopes' (all of it, and above 1 kHz
-    at 25.6 kHz), their bands and the shape of their distributions.
+    units with squeeze-and-excitation, read the powers of 24 bands in frames of 256 samples, 64
+    samples apart: about 30 steps instead of 2048, and the receptive field is the whole window. The
+    mean and the maximum of their sum over time are concatenated with a hidden layer on static
+    features: the lines of the window's spectrum up to a fifth of half the sample rate, those of its
+    envelopes (of all of it, and of what is above 1 kHz at 25.6 kHz), their band powers and the
+    shape of their distributions.
 
-    Why: a fault of the pump changes ratios between lines by tenths, at a phase that no window
-    shares with another. A convolution over samples has to find levels itself. `study ablation`
-    takes it apart.
+    The reason: a fault of the pump changes ratios between lines by tenths, at a phase that differs
+    from window to window. A convolution over samples would have to learn band powers first.
 
-    Levels are scaled by what the training windows have of them, and in training noise of `noise` of
-    their deviation is added, which is what a gain or a mounting that differs a little does to them.
+    Band powers are standardized by the training windows. In training, noise with `noise` times
+    their deviation is added, which imitates a slightly different gain or mounting.
 
-    Weights, with C = `n_channels`, F = the last of `channels`, L the levels of a window, H =
-    `hidden`:
+    Weights, with C = `n_channels`, F = the last of `channels`, L the static features of a window,
+    H = `hidden`:
 
     ================================== ==========================
     ``positive``, ``inverse``          as in `BiTCN`, 24 C inputs
@@ -50,16 +67,16 @@ class SpectralBiTCN(Network):
     Parameters
     ----------
     n_channels : channels of a window.
-    n_classes : classes told apart.
+    n_classes : number of classes.
     channels, dilations, causal, attention, bidirectional : of the branches, as in `BiTCN`.
     hidden : size of the hidden layer.
-    dropout : share of the features dropped in training; a third of it within the branches.
-    noise : deviation of the noise on the levels in training, over theirs.
+    dropout : share of the features that is dropped in training; a third of it in the branches.
+    noise : ratio of the deviation of the noise in training to that of the band powers.
 
     Raises
     ------
     InputError
-        A setting cannot be.
+        A setting is invalid.
 
     Examples
     --------
@@ -85,18 +102,19 @@ class SpectralBiTCN(Network):
         noise: float = 0.3,
     ) -> None:
         channels = tuple(channels)
-        growth = 2 if causal else 1
-        dilations = (
-            tuple(growth**unit for unit in range(len(channels)))
-            if dilations is None
-            else tuple(dilations)
-        )
+        if dilations is None:
+            growth = 2 if causal else 1
+            dilations = [growth**unit for unit in range(len(channels))]
+        dilations = tuple(dilations)
+
         if len(channels) != len(dilations):
             raise InputError(
-                f"{self.name} needs as many dilations ({len(dilations)}) as channels ({len(channels)})."
+                f"{self.name} needs as many dilations ({len(dilations)}) as channels "
+                f"({len(channels)})."
             )
         if noise < 0:
             raise InputError(f"{self.name}: noise ({noise:g}) must not be negative.")
+
         super().__init__(
             n_channels=n_channels,
             n_classes=n_classes,
@@ -109,186 +127,209 @@ class SpectralBiTCN(Network):
             dropout=dropout,
             noise=noise,
         )
+
         self.dropout = nn.Dropout(dropout)
-        n_inputs = n_channels * _BANDS
-        unit = {
+        n_inputs = n_channels * _FRAME_BANDS
+        branch_settings: dict[str, Any] = {
+            "stride": 1,
             "kernel_size": 3,
             "reduction": 4,
             "causal": causal,
             "attention": attention,
             "dropout": dropout / 3,
         }
-        self.positive = Branch(n_inputs, channels, dilations, stride=1, **unit)
-        self.inverse = (
-            Branch(n_inputs, channels, dilations, stride=1, **unit) if bidirectional else None
-        )
+        self.positive = Branch(n_inputs, channels, dilations, **branch_settings)
+        self.inverse = None
+        if bidirectional:
+            self.inverse = Branch(n_inputs, channels, dilations, **branch_settings)
         self.skip = nn.Conv1d(n_inputs, channels[-1], 1)
-        self.n_still = n_channels * _still(torch.zeros(1, 1, 64, device="cpu")).shape[1]
+
+        # Their number does not depend on the length of a window.
+        probe = torch.zeros(1, 1, 64, device="cpu")
+        self.n_static = n_channels * compute_static_features(probe).shape[1]
         self.hidden = nn.Sequential(
-            nn.Linear(self.n_still, hidden), nn.BatchNorm1d(hidden), nn.ReLU()
+            nn.Linear(self.n_static, hidden), nn.BatchNorm1d(hidden), nn.ReLU()
         )
-        self.register_buffer("mean", torch.zeros(self.n_still + n_inputs))
-        self.register_buffer("deviation", torch.ones(self.n_still + n_inputs))
+        self.register_buffer("mean", torch.zeros(self.n_static + n_inputs))
+        self.register_buffer("deviation", torch.ones(self.n_static + n_inputs))
         self.head = nn.Linear(2 * channels[-1] + hidden, n_classes)
 
     def represent(
         self, windows: Float[Tensor, "window channel time"]
-    ) -> Float[Tensor, "window level"]:
-        """Levels that stand still, then those of the frames, step after step."""
-        moving = short_time_levels(windows, _FRAME, _HOP, _BANDS)
-        return torch.cat([_still(windows), moving.transpose(1, 2).flatten(1)], dim=1)
+    ) -> Float[Tensor, "window feature"]:
+        """Return the static features, then the band powers of the frames, step by step."""
+        frames = short_time_powers(windows, _FRAME, _HOP, _FRAME_BANDS)
+        return torch.cat(
+            [compute_static_features(windows), frames.transpose(1, 2).flatten(1)], dim=1
+        )
 
     def _split(self, represented: Tensor) -> tuple[Tensor, Tensor]:
-        """(levels that stand still, levels of the frames with their steps last)."""
-        still, moving = represented[:, : self.n_still], represented[:, self.n_still :]
-        return still, moving.unflatten(1, (-1, self.n_channels * _BANDS)).transpose(1, 2)
+        """Return the static features, and the band powers of the frames with their steps last."""
+        static = represented[:, : self.n_static]
+        frames = represented[:, self.n_static :]
+        n_bands = self.n_channels * _FRAME_BANDS
+        return static, frames.unflatten(1, (-1, n_bands)).transpose(1, 2)
 
-    def pretrain(self, windows: Float[Tensor, "window level"], seed: int) -> None:
-        """Learn the mean and deviation of each level."""
-        still, moving = self._split(windows)
-        self.get_buffer("mean").copy_(torch.cat([still.mean(dim=0), moving.mean(dim=(0, 2))]))
-        deviation = torch.cat([still.std(dim=0), moving.std(dim=(0, 2))])
-        self.get_buffer("deviation").copy_(deviation.nan_to_num(1.0).clamp_min(1e-3))
+    def pretrain(self, windows: Float[Tensor, "window feature"], seed: int) -> None:
+        """Learn the mean and the deviation of each feature; the frames of a window share theirs."""
+        static, frames = self._split(windows)
+        mean = torch.cat([static.mean(dim=0), frames.mean(dim=(0, 2))])
+        self.get_buffer("mean").copy_(mean)
 
-    def encode(self, windows: Float[Tensor, "window level"]) -> Float[Tensor, "window feature"]:
-        """Features of both branches over the frames, and of the hidden layer over what stands
-        still.
-        """
-        mean, deviation = self.get_buffer("mean"), self.get_buffer("deviation")
-        still, moving = self._split(windows)
-        shift, scale = mean[self.n_still :, None], deviation[self.n_still :, None]
-        read = self._read(self._noised((moving - shift) / scale))
-        shift, scale = mean[: self.n_still], deviation[: self.n_still]
-        hidden = self.hidden(self._noised((still - shift) / scale))
-        encoded: Tensor = self.dropout(
-            torch.cat([read.mean(dim=-1), read.amax(dim=-1), hidden], dim=1)
-        )
+        # The deviation of a single window is NaN.
+        deviation = torch.cat([static.std(dim=0), frames.std(dim=(0, 2))])
+        deviation = deviation.nan_to_num(1.0).clamp_min(_MIN_DEVIATION)
+        self.get_buffer("deviation").copy_(deviation)
+
+    def encode(self, windows: Float[Tensor, "window input"]) -> Float[Tensor, "window feature"]:
+        """Return features of both branches over the frames, and of the hidden layer."""
+        mean = self.get_buffer("mean")
+        deviation = self.get_buffer("deviation")
+        static, frames = self._split(windows)
+
+        n = self.n_static
+        frames = (frames - mean[n:, None]) / deviation[n:, None]
+        frame_features = self._read_frames(self._add_noise(frames))
+        static = (static - mean[:n]) / deviation[:n]
+        static_features = self.hidden(self._add_noise(static))
+
+        features = [frame_features.mean(dim=-1), frame_features.amax(dim=-1), static_features]
+        encoded: Tensor = self.dropout(torch.cat(features, dim=1))
         return encoded
 
-    def _read(self, moving: Tensor) -> Tensor:
-        fused = self.positive(moving)
+    def _read_frames(self, frames: Tensor) -> Tensor:
+        fused = self.positive(frames)
         if self.inverse is not None:
-            fused = fused + self.inverse(moving.flip(-1)).flip(-1)
-        return torch.relu(fused + self.skip(moving))
+            fused = fused + self.inverse(frames.flip(-1)).flip(-1)
+        return torch.relu(fused + self.skip(frames))
 
-    def _noised(self, levels: Tensor) -> Tensor:
-        return (
-            levels + self.settings["noise"] * torch.randn_like(levels) if self.training else levels
+    def _add_noise(self, values: Tensor) -> Tensor:
+        if not self.training:
+            return values
+        return values + self.settings["noise"] * torch.randn_like(values)
+
+
+def compute_static_features(
+    windows: Float[Tensor, "window channel time"],
+) -> Float[Tensor, "window feature"]:
+    """Return the features without time: those of the window's lines and of its envelopes."""
+    features = [line_features(windows, _LINES, _LINE_SHARE, _LINE_BANDS)]
+    for min_share in _ENVELOPE_FROM:
+        features.append(
+            envelope_features(windows, _ENVELOPE_LINES, _ENVELOPE_SHARE, _LINE_BANDS, min_share)
         )
 
-
-def _still(windows: Tensor) -> Tensor:
-    """Levels that have no moment: of the window's lines and of its envelopes'."""
-    envelopes = (
-        envelope_levels(windows, _ENVELOPE_LINES, _ENVELOPE_SHARE, _LINE_BANDS, above)
-        for above in _ENVELOPE_FROM
-    )
-    return torch.cat([line_levels(windows, _LINES, _LINE_SHARE, _LINE_BANDS), *envelopes], dim=1)
+    return torch.cat(features, dim=1)
 
 
-def short_time_levels(
+def short_time_powers(
     windows: Float[Tensor, "window channel time"], frame: int, hop: int, n_bands: int
-) -> Float[Tensor, "window level step"]:
-    """Levels of `n_bands` logarithmic bands, channel after channel, in frames of `frame` samples
-    every `hop` samples.
+) -> Float[Tensor, "window band step"]:
+    """Return log10 powers of `n_bands` logarithmic bands in frames, channel after channel.
 
-    A window shorter than a frame is continued by zeros.
+    Frames have `frame` samples and start every `hop` samples. A window shorter than a frame gets
+    trailing zeros.
     """
     x = windows - windows.mean(dim=-1, keepdim=True)
     x = functional.pad(x, (0, max(0, frame - x.shape[-1])))
-    frames = x.unfold(-1, frame, hop) * taper_of(frame, x)
-    levels = torch.log10(power_of(frames) @ bands_of(frame // 2, n_bands, x) + FLOOR)
-    return levels.transpose(2, 3).flatten(1, 2)
+
+    frames = x.unfold(-1, frame, hop) * hann_taper(frame, x)
+    powers = line_powers(frames) @ band_matrix(frame // 2, n_bands, x)
+    return torch.log10(powers + FLOOR).transpose(2, 3).flatten(1, 2)
 
 
-def line_levels(
+def line_features(
     windows: Float[Tensor, "window channel time"], n_lines: int, share: float, n_bands: int
-) -> Float[Tensor, "window level"]:
-    """Levels of the spectrum, channel after channel, with the shape of its waveform.
+) -> Float[Tensor, "window feature"]:
+    """Return log10 powers of the spectrum and the shape of the waveform, channel after channel.
 
     Per channel: `n_lines` equal bands of the lowest `share` of the spectrum, `n_bands` logarithmic
-    ones of all of it, and the logarithm of its deviation, skewness, log kurtosis, log crest factor
-    and mean of |x| over the deviation.
+    bands of all of it, and `waveform_shape`.
     """
     x = windows - windows.mean(dim=-1, keepdim=True)
-    power = power_of(x * taper_of(x.shape[-1], x))
-    return torch.cat([*_levels(power, n_lines, share, n_bands), waveform_shape(x)], dim=-1).flatten(
-        1
-    )
+    powers = line_powers(x * hann_taper(x.shape[-1], x))
+
+    lowest = powers[..., : max(1, round(share * powers.shape[-1]))]
+    lines = functional.adaptive_avg_pool1d(lowest, n_lines)
+    bands = powers @ band_matrix(powers.shape[-1], n_bands, powers)
+
+    features = [torch.log10(lines + FLOOR), torch.log10(bands + FLOOR), waveform_shape(x)]
+    return torch.cat(features, dim=-1).flatten(1)
 
 
-def envelope_levels(
+def envelope_features(
     windows: Float[Tensor, "window channel time"],
     n_lines: int,
     share: float,
     n_bands: int,
-    above: float,
-) -> Float[Tensor, "window level"]:
-    """`line_levels` of each channel's envelope, and the logarithm of the envelope's mean.
+    min_share: float,
+) -> Float[Tensor, "window feature"]:
+    """Return `line_features` of the envelope of each channel, and log10 of the envelope's mean.
 
-    The envelope is |x + i H(x)|, H being the Hilbert transform over the window, of what lies above
-    the share `above` of half the sample rate.
+    The envelope is |x + i H(x)|, where H is the Hilbert transform over the window, of the part of x
+    above the share `min_share` of half the sample rate.
     """
     x = windows - windows.mean(dim=-1, keepdim=True)
     length = x.shape[-1]
     spectrum = torch.fft.rfft(x)
-    spectrum = spectrum * (
-        torch.arange(spectrum.shape[-1], device=x.device) > above * (length // 2)
-    )
-    turned = torch.complex(spectrum.imag, -spectrum.real)
-    real, imaginary = torch.fft.irfft(spectrum, n=length), torch.fft.irfft(turned, n=length)
+    lines = torch.arange(spectrum.shape[-1], device=x.device)
+    spectrum = spectrum * (lines > min_share * (length // 2))
+
+    rotated = torch.complex(spectrum.imag, -spectrum.real)
+    real = torch.fft.irfft(spectrum, n=length)
+    imaginary = torch.fft.irfft(rotated, n=length)
+    # The gradient of a square root is infinite at zero.
     envelope = (real.square() + imaginary.square() + 1e-12).sqrt()
+
     mean = envelope.mean(dim=-1, keepdim=True)
-    return torch.cat(
-        [line_levels(envelope, n_lines, share, n_bands), torch.log10(mean + FLOOR).flatten(1)],
-        dim=-1,
-    )
-
-
-def _levels(power: Tensor, n_lines: int, share: float, n_bands: int) -> tuple[Tensor, Tensor]:
-    lowest = power[..., : max(1, round(share * power.shape[-1]))]
-    lines = functional.adaptive_avg_pool1d(lowest, n_lines)
-    banded = power @ bands_of(power.shape[-1], n_bands, power)
-    return torch.log10(lines + FLOOR), torch.log10(banded + FLOOR)
+    features = line_features(envelope, n_lines, share, n_bands)
+    return torch.cat([features, torch.log10(mean + FLOOR).flatten(1)], dim=-1)
 
 
 FLOOR = 1e-7
 """Added to each power before its logarithm, in the square of the scaled unit."""
 
 
-def waveform_shape(x: Tensor) -> Tensor:
-    """Of signals with mean 0: log10 deviation, skewness, log kurtosis, log crest factor, mean of
-    |x| over deviation.
+def waveform_shape(
+    x: Float[Tensor, "window channel time"],
+) -> Float[Tensor, "window channel feature"]:
+    """Return the shape of signals with mean 0.
+
+    It is log10 of the deviation, skewness, ln of the kurtosis, ln of the crest factor, and the mean
+    of |x| over the deviation.
     """
-    deviation = x.square().mean(dim=-1, keepdim=True).sqrt() + 1e-6
+    deviation = x.square().mean(dim=-1, keepdim=True).sqrt() + _SIGNAL_FLOOR
     z = x / deviation
-    square, magnitude = z.square(), z.abs()  # products, for a power takes ten times as long
+    square = z.square()  # products, because a power takes ten times as long
+    magnitude = z.abs()
+
     return torch.cat(
         [
             torch.log10(deviation),
             (square * z).mean(dim=-1, keepdim=True),
-            torch.log(square.square().mean(dim=-1, keepdim=True) + 1e-3),
-            torch.log(magnitude.amax(dim=-1, keepdim=True) + 1e-3),
+            torch.log(square.square().mean(dim=-1, keepdim=True) + _SHAPE_FLOOR),
+            torch.log(magnitude.amax(dim=-1, keepdim=True) + _SHAPE_FLOOR),
             magnitude.mean(dim=-1, keepdim=True),
         ],
         dim=-1,
     )
 
 
-def power_of(x: Tensor) -> Tensor:
-    """Power of the lines 1... of the spectrum over the last axis; without a complex number, for
-    ONNX has none.
+def line_powers(x: Tensor) -> Tensor:
+    """Return the powers of the lines of the spectrum over the last axis, without that of the mean.
+
+    It uses no complex arithmetic, which ONNX does not have.
     """
     real, imaginary = torch.view_as_real(torch.fft.rfft(x)[..., 1:]).unbind(dim=-1)
     return (real.square() + imaginary.square()) / x.shape[-1]
 
 
-def taper_of(length: int, like: Tensor) -> Tensor:
-    """Hann taper of that many samples."""
+def hann_taper(length: int, like: Tensor) -> Tensor:
+    """Return the periodic Hann taper, with type and device of `like`."""
     angle = torch.arange(length, dtype=like.dtype, device=like.device) * (2 * math.pi / length)
     return 0.5 - 0.5 * torch.cos(angle)
 
 
-def bands_of(n_lines: int, n_bands: int, like: Tensor) -> Tensor:
-    """Share of each line (row) in each band (column)."""
+def band_matrix(n_lines: int, n_bands: int, like: Tensor) -> Tensor:
+    """Return the share of each line (row) in each band (column), with type of `like`."""
     return torch.tensor(band_shares(n_lines, n_bands), dtype=like.dtype, device=like.device)

@@ -8,18 +8,18 @@ from torch.nn import functional
 
 from swashtwin.learning import Network
 
-_SHORTEST = 1024  # samples that the five poolings leave at least one step of
+# Samples of a window of which the five poolings leave at least one step.
+_MIN_LENGTH = 1024
 
 
 class WDCNN(Network):
-    """Deep convolutional network with wide first-layer kernels, Zhang et al. 2017 (DOI
-    10.3390/s17020425).
+    """Deep convolutional network with wide first-layer kernels, Zhang et al. 2017.
 
-    Sizes are theirs, made for windows of 2,048 samples: five convolutions with batch normalization,
-    ReLU and maximum pooling by 2, the first of 64 taps and a stride of 16, then a fully connected
-    layer of `hidden`. **Our reading** where a window is no 2,048 samples long: what is left after
-    the last pooling is averaged to the three steps that 2,048 samples leave, and windows under
-    1,024 samples get zeros before them. Weights, with C = `n_channels`:
+    DOI 10.3390/s17020425. The sizes are theirs, for windows of 2,048 samples: five convolutions
+    with batch normalization, ReLU and maximum pooling by 2, the first with 64 taps and a stride of
+    16, then a fully connected layer of size `hidden`. **Our reading** for other lengths: the steps
+    after the last pooling are averaged to the three steps that 2,048 samples leave, and windows of
+    less than 1,024 samples get leading zeros. Weights, with C = `n_channels`:
 
     ================== ==============
     ``stages.0.0``     (16, C, 64)
@@ -34,7 +34,7 @@ class WDCNN(Network):
     Parameters
     ----------
     n_channels : channels of a window.
-    n_classes : classes told apart.
+    n_classes : number of classes.
     hidden : size of the fully connected layer.
 
     Examples
@@ -46,7 +46,7 @@ class WDCNN(Network):
 
     name: ClassVar[str] = "wdcnn"
     receptive_field: ClassVar[int] = 1520
-    """Samples on which one step after the last pooling rests."""
+    """Samples on which a step after the last pooling depends."""
 
     def __init__(self, n_channels: int, n_classes: int, *, hidden: int = 100) -> None:
         super().__init__(n_channels=n_channels, n_classes=n_classes, hidden=hidden)
@@ -63,19 +63,17 @@ class WDCNN(Network):
     def steps(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window feature step"]:
-        """Features after the last pooling."""
-        features: Tensor = self.stages(
-            functional.pad(windows, (max(0, _SHORTEST - windows.shape[-1]), 0))
-        )
+        """Return the features after the last pooling."""
+        n_missing = max(0, _MIN_LENGTH - windows.shape[-1])
+        features: Tensor = self.stages(functional.pad(windows, (n_missing, 0)))
         return features
 
     def encode(
         self, windows: Float[Tensor, "window channel time"]
     ) -> Float[Tensor, "window feature"]:
-        """What the fully connected layer makes of them."""
-        features: Tensor = self.connected(
-            functional.adaptive_avg_pool1d(self.steps(windows), 3).flatten(1)
-        )
+        """Return the output of the fully connected layer."""
+        pooled = functional.adaptive_avg_pool1d(self.steps(windows), 3)
+        features: Tensor = self.connected(pooled.flatten(1))
         return features
 
 

@@ -151,11 +151,11 @@ def test_pretraining_teaches_encoders_that_can_be_undone_and_keeps_units_silent(
     windows = torch.from_numpy(tone + 0.1 * draw.normal(size=tone.shape)).float().unsqueeze(1)
     x = network.fresh(0).spectrum(windows)
     encoder = network.encoders[0]
-    loss = network._loss(encoder, x.mean(dim=0), x).item()
+    loss = network._compute_loss(encoder, x.mean(dim=0), x).item()
     head = network.head.weight.clone()
     before = torch.get_rng_state()
     network.pretrain(windows, seed=3)
-    assert network._loss(encoder, x.mean(dim=0), x).item() < 0.8 * loss
+    assert network._compute_loss(encoder, x.mean(dim=0), x).item() < 0.8 * loss
     awake.pretrain(windows, seed=3)
     assert torch.sigmoid(encoder(x)).mean() < 0.85 * torch.sigmoid(awake.encoders[0](x)).mean()
     assert torch.equal(network.head.weight, head)

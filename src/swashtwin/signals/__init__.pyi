@@ -57,5 +57,6 @@ from .tracking import piston_pass_angle as piston_pass_angle
 from .tracking import track_shaft_angle as track_shaft_angle
 from .trend import Trend as Trend
 from .trend import trend_of as trend_of
+from .waveform_statistics import MAD_TO_STANDARD_DEVIATION as MAD_TO_STANDARD_DEVIATION
 from .waveform_statistics import TIME_STATISTICS as TIME_STATISTICS
 from .waveform_statistics import time_statistics as time_statistics

@@ -184,6 +184,7 @@ def _rising_edges(samples: Float[np.ndarray, " time"]) -> Float[np.ndarray, " pu
         return np.empty(0)
 
     share = (samples - low) / (high - low)
+    # Samples between the thresholds have no state: a pulse must cross both of them.
     state = np.zeros(len(share), dtype=int)
     state[share >= RISE_SHARE] = 1
     state[share <= FALL_SHARE] = -1

@@ -250,6 +250,7 @@ def order_spectrum(
     frequency, density = densities
     line_width = frequency[1]
 
+    # The distance from 0 counts too, so that order 1 does not take in the removed mean.
     centers = orders * shaft_frequency
     spacing = float(np.min(np.diff(np.unique(np.concatenate([[0], centers])))))
     half_widths = np.minimum(2.5 * line_width + JITTER * centers, MAX_HALF_WIDTH_SHARE * spacing)
@@ -340,6 +341,7 @@ def synchronous_signal(
     shortest period and read off by interpolation; its error is below 0.5 % of the sum of the lines'
     magnitudes.
     """
+    # A power of two is fast to transform.
     n_grid = 1 << max(12, math.ceil(math.log2(32 * (int(orders.max()) + 1))))
     all_lines = np.zeros((lines.shape[0], n_grid // 2 + 1), dtype=complex)
     all_lines[:, orders] = lines

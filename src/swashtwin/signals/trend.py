@@ -12,6 +12,7 @@ from swashtwin.foundation import DataError, InputError
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_same_class, values_match
 from swashtwin.signals.indicator_table import IndicatorTable, Row
 from swashtwin.signals.indicators import Indicator
+from swashtwin.signals.waveform_statistics import MAD_TO_STANDARD_DEVIATION
 
 MIN_BASELINE = 5
 """Other healthy recordings that a baseline needs: of three, 20 % of healthy recordings lie 5
@@ -21,8 +22,6 @@ MIN_RELATIVE_SPREAD = 0.01
 """Minimum spread of a baseline relative to its median: equal samples do not make every difference
 a fault.
 """
-NORMAL_MAD = 1.4826
-"""Standard deviation of Gaussian scatter over its median absolute deviation."""
 
 Status = Literal["within", "above", "below", "no baseline"]
 Order = Literal["time", "name"]
@@ -192,7 +191,7 @@ def _compare_with_baseline(
 
     median = float(np.median(baseline))
     absolute_deviation = float(np.median(np.abs(np.array(baseline) - median)))
-    spread = max(NORMAL_MAD * absolute_deviation, MIN_RELATIVE_SPREAD * abs(median))
+    spread = max(MAD_TO_STANDARD_DEVIATION * absolute_deviation, MIN_RELATIVE_SPREAD * abs(median))
     status: Status = "within"
     if abs(value - median) > k * spread:
         status = "above" if value > median else "below"

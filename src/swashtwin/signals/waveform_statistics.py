@@ -5,6 +5,9 @@ from jaxtyping import Float, Float64
 
 from swashtwin.recordings import Recording
 
+MAD_TO_STANDARD_DEVIATION = 1.4826
+"""Standard deviation of Gaussian scatter over its median absolute deviation."""
+
 TIME_STATISTICS = (
     "mean",
     "deviation",

@@ -1,8 +1,8 @@
 """Windows made with a twin.
 
-The first floor where physics and learning meet. A synthetic window is the twin's steady
-acceleration, with everything drawn anew that varies from one moment to the next, laid over noise as
-the machine makes it. It carries ``synthetic=True``, which `evaluate` refuses.
+A synthetic window is the twin's steady acceleration, with everything drawn anew that varies from one
+moment to the next, laid over noise as the machine makes it. It carries ``synthetic=True``, which
+`evaluate` refuses.
 """
 
 import math
@@ -173,6 +173,7 @@ def synthesize(
     )
     windows = simulate([twin.at(condition) for condition in conditions])
 
+    # The recordings of the calibration had a part in the windows: no test may meet them.
     calibrated_on = {} if calibration is None else calibration.recording_hashes
     window_fields = {entry.name: getattr(windows, entry.name) for entry in fields(WindowSet)}
     window_fields["manifest"] = join_manifests([windows.manifest, calibrated_on])

@@ -5,7 +5,7 @@ recordings, what a fault strikes and what else is heard (`PumpPrior`).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -144,6 +144,7 @@ class VirtualPump:
 
         power = lines[..., 1:] @ self._smear() + floor_cells
         power += healthy_power * self._foreign(troubles)
+        # The mean of independent periodograms scatters as a gamma distribution.
         averages = self.rng.gamma(_AVERAGES, 1 / _AVERAGES, power.shape)
         return np.asarray(power * averages)
 
@@ -212,10 +213,9 @@ class VirtualPump:
         for row, trouble in enumerate(troubles):
             recording = slice(row, row + 1)
             equations = (mass, damping[recording], stiffness[recording], along[recording])
-            for fault in trouble.faults:
-                for term in physics.turning_terms(fault, self.pump, worn_values[row]):
-                    reaction = physics.turning_force(term.stiffness, term.order, motion[recording])
-                    motion[recording] -= solver.steady_state(*equations, reaction)
+            for term in self._turning_terms(trouble, worn_values[row]):
+                reaction = physics.turning_force(term.stiffness, term.order, motion[recording])
+                motion[recording] -= solver.steady_state(*equations, reaction)
 
         directions = torch.stack(list(_directions(self.structure)))[:, None, :]
         unit_forces = directions.expand(-1, self.orders.size, -1).to(motion.dtype)
@@ -224,6 +224,13 @@ class VirtualPump:
         shell = self._read(along, motion)
         transfer = self._read(along[:1], struck)
         return shell, np.array(floors), transfer
+
+    def _turning_terms(
+        self, trouble: Trouble, values: Float[torch.Tensor, " 6"]
+    ) -> Iterator[physics.PeriodicTerm]:
+        """Yield the terms of stiffness that turn with the shaft, of all faults of a recording."""
+        for fault in trouble.faults:
+            yield from physics.turning_terms(fault, self.pump, values)
 
     def _read(
         self, frequency: torch.Tensor, motion: torch.Tensor

@@ -7,6 +7,8 @@ each recording.
 import numpy as np
 from jaxtyping import Float, Float64, Int
 
+from swashtwin.signals import MAD_TO_STANDARD_DEVIATION
+
 MIN_SPREAD_DB = 1.0
 """Minimum standard deviation [dB] of every band power: mounting and temperature change it by this
 much, however little the recordings scatter.
@@ -15,8 +17,6 @@ RIDGE = 1.0
 """Added to the variance of each band power, in units of it, in all directions: there are more band
 powers than recordings.
 """
-NORMAL_MAD = 1.4826
-"""Standard deviation of Gaussian scatter over its median absolute deviation."""
 
 
 def point_residuals(
@@ -43,7 +43,7 @@ def robust_spread(
     """
     residual, factor = point_residuals(band_powers, point)
     magnitude = np.median(np.abs(residual * factor[:, None]), axis=0)
-    return np.asarray(np.sqrt((NORMAL_MAD * magnitude) ** 2 + MIN_SPREAD_DB**2))
+    return np.asarray(np.sqrt((MAD_TO_STANDARD_DEVIATION * magnitude) ** 2 + MIN_SPREAD_DB**2))
 
 
 def nonconformity_scores(

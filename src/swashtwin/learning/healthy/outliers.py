@@ -4,10 +4,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 
 from swashtwin.learning.healthy.nonconformity import (
-    NORMAL_MAD,
     nonconformity_scores,
     squared_distances,
 )
+from swashtwin.signals import MAD_TO_STANDARD_DEVIATION
 
 MAX_OUTLIER_SHARE = 0.2
 """Largest share of the recordings that is excluded: more of them are no exception but another state
@@ -36,7 +36,7 @@ def find_inliers(
     for _ in range(len(band_powers)):
         roots = np.cbrt(scores_against(band_powers, point, is_inlier))
         median = np.median(roots[is_inlier])
-        deviation = NORMAL_MAD * np.median(np.abs(roots[is_inlier] - median))
+        deviation = MAD_TO_STANDARD_DEVIATION * np.median(np.abs(roots[is_inlier] - median))
         deviation = max(deviation, MIN_RELATIVE_DEVIATION * median)
 
         is_near = roots <= median + MAX_DEVIATIONS * deviation

@@ -209,6 +209,7 @@ class BandPowerNetwork(SolvedNetwork):
         heads = self.settings["heads"]
         sums = {head: (features @ self.weights[head].T).astype(np.float64) for head in heads}
 
+        # All slopes are by the sums of the first layer, which are fewer than the features.
         slopes = {head: np.zeros_like(values) for head, values in sums.items()}
         for step in range(steps):
             position = (step + 0.5) / steps

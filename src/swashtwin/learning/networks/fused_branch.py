@@ -1,9 +1,9 @@
-"""Training of `BiTCN` on a CPU: the numbers of its branches, in few passes over the features.
+"""Training of `BiTCN` on a CPU: the features of its branches, in few passes over memory.
 
 Plain torch takes 1.3 to 1.75 times as long (batches of 30, three channels, one core). Convolutions
 find the features of a step side by side, as the processor multiplies them. Normalization, ReLU and
 dropout are compiled to one pass over the features for each mean that they need, and dropout draws
-its numbers within such a pass.
+its random numbers within such a pass.
 """
 
 from typing import Any, no_type_check

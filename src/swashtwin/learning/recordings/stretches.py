@@ -1,4 +1,4 @@
-"""Windows put together again to the recordings that they were cut from."""
+"""Recordings, or stretches of them, joined again from the windows that were cut from them."""
 
 from collections.abc import Callable, Iterator
 
@@ -26,7 +26,7 @@ def join_windows(windows: WindowSet, rows: Rows) -> Iterator[Stretch]:
     end = 0
     for row in rows.tolist():
         start = int(windows.start[row])
-        overlap = end - start
+        overlap = end - start  # negative at a gap
         if parts and not 0 <= overlap <= windows.length:
             yield np.concatenate(parts, axis=1)
             parts = []
@@ -36,7 +36,7 @@ def join_windows(windows: WindowSet, rows: Rows) -> Iterator[Stretch]:
 
 
 def shortest_stretch(windows: WindowSet) -> int:
-    """Return the samples of the longest stretch of the recording for which that is shortest."""
+    """Return the samples of the shortest recording, each counted by its longest stretch."""
     longest = []
     for rows in recording_rows(windows):
         longest.append(max(stretch.shape[1] for stretch in join_windows(windows, rows)))

@@ -45,7 +45,7 @@ def shrinkage(
     return np.asarray(shrunk), float(share * mean)
 
 
-# Added to each variance, because classes of one recording have none.
+# Added to each variance, because classes of a single recording have none.
 _MIN_VARIANCE = 1e-6
 
 # Share of the variance between classes that is assumed equal in every direction.
@@ -134,7 +134,7 @@ def fit_class_space(
     values = features.astype(np.float64)
     n_features = features.shape[1]
     classes, target = np.unique(label, return_inverse=True)
-    points, point = _operating_points(condition, len(classes))
+    points, point = _resolved_operating_points(condition, len(classes))
     offsets = _operating_point_offsets(values, target, point, len(points))
     values = values - offsets[point]
 
@@ -152,6 +152,7 @@ def fit_class_space(
         between, between_outside = _mix(
             centers - centers.mean(axis=0), _NEW_CLASS_SHARE, n_features
         )
+        # The spread of the centers about their own mean is too small by this factor.
         unbiased = n_classes / (n_classes - 1)
         new = np.linalg.inv(covariance + unbiased * between)
         new_outside = 1 / (outside + unbiased * between_outside)
@@ -205,6 +206,7 @@ def _covariance_within(
 
 def _span(rows: Float64[np.ndarray, "recording feature"]) -> Float64[np.ndarray, "feature axis"]:
     """Return orthonormal directions that the rows span."""
+    # By the products of recordings, which are fewer than the features.
     value, vector = np.linalg.eigh(rows @ rows.T)
     is_used = value > _SPAN_TOLERANCE * max(float(value[-1]), 1e-300)
     return np.asarray(rows.T @ vector[:, is_used] / np.sqrt(value[is_used]))
@@ -228,7 +230,7 @@ def _shrink(rows: Float64[np.ndarray, "row axis"], n_features: int) -> tuple[np.
     return covariance + _MIN_VARIANCE * np.eye(len(covariance)), outside + _MIN_VARIANCE
 
 
-def _operating_points(
+def _resolved_operating_points(
     condition: Float[np.ndarray, "recording quantity"], n_classes: int
 ) -> tuple[Float64[np.ndarray, "point quantity"], np.ndarray]:
     """Return speed and pressure of each operating point, and the index of each recording's.

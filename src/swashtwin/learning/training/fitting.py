@@ -172,7 +172,7 @@ def require_trainable(windows: WindowSet) -> None:
         )
 
     peak = np.maximum(windows.signal.max(axis=(1, 2)), -windows.signal.min(axis=(1, 2)))
-    is_too_large = ~(peak < _MAX_SAMPLE)  # also NaN
+    is_too_large = ~(peak < _MAX_SAMPLE)  # written so that NaN is too large
     if is_too_large.any():
         row = int(is_too_large.argmax())
         raise DataError(

@@ -1,4 +1,4 @@
-"""The steps of an epoch: launched one by one, or replayed on a GPU as one CUDA graph."""
+"""The steps of an epoch: launched one by one, or replayed on a GPU as a CUDA graph."""
 
 from collections.abc import Callable
 from copy import deepcopy

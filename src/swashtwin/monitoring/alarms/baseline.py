@@ -17,7 +17,7 @@ from swashtwin.diagnosis import order_band_powers
 from swashtwin.foundation import DataError, from_table
 from swashtwin.learning import BandPowerLayout, Deviation, band_power_layout
 from swashtwin.recordings import Recording
-from swashtwin.signals import OrderBands
+from swashtwin.signals import MAD_TO_STANDARD_DEVIATION, OrderBands
 
 IGNORED_CHANGE_DB = 3.0
 """Change of a band power that does not count, as protection from drift by load and temperature."""
@@ -41,8 +41,6 @@ fewer, the median does not show which one deviates.
 """
 MIN_CHANNEL_SPREAD_DB = 3.0
 """Minimum standard deviation of a band power when channels are compared with each other."""
-MAD_TO_STANDARD_DEVIATION = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 N_CACHED_LAYOUTS = 256
 """Layouts whose band names are remembered, one for each operating point in use."""
 

@@ -313,8 +313,8 @@ def exclude_outliers(
     notes = [_describe_outlier(ids[row], baseline, row, inliers) for row in outlier_rows]
     false_alarm_rate = (n_outliers + 1) / (n_recordings + 1)
     notes.append(
-        f"With {names} {cost}. A healthy recording of that kind raises an alarm: if such recordings "
-        f"are as frequent in the future, the false-alarm rate is {false_alarm_rate:.2g}."
+        f"With {names} {cost}. A healthy recording of that kind raises an alarm: if such "
+        f"recordings are as frequent in the future, the false-alarm rate is {false_alarm_rate:.2g}."
     )
     return inliers, tuple(notes)
 

@@ -212,5 +212,5 @@ def _require_plausible_settings(network: _Network, window_length: int) -> None:
                 raise ValueError(f"the network's {name} is neither a number nor text")
             if isinstance(entry, (int, float)) and abs(entry) > limit:
                 raise ValueError(
-                    f"the network's {name} is {entry:.6g}, but the file holds at most {limit} values"
+                    f"the network's {name} is {entry:.6g}, and the file holds up to {limit} values"
                 )

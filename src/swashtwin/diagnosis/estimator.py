@@ -29,7 +29,8 @@ _ACCEPTED_TYPES = {
 class Estimator:
     """Base of classes whose constructor only stores parameters, and which are trained by `fit`.
 
-    It follows scikit-learn's conventions without importing scikit-learn. A trained estimator has the attribute ``fitted_``.
+    It follows scikit-learn's conventions without importing scikit-learn. A trained estimator has
+    the attribute ``fitted_``.
     """
 
     @classmethod

@@ -1,4 +1,4 @@
-"""`FaultClassifier`: from recordings, windows or arrays to classes, an estimator of scikit-learn."""
+"""`FaultClassifier`: from recordings, windows or arrays to classes, as scikit-learn does it."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
@@ -71,7 +71,8 @@ class FaultClassifier(Estimator):
     allow_partial_revolution : accept windows shorter than one revolution of the shaft.
     epochs, batch_size, learning_rate, decay, normalization : see `TrainingSettings`; for networks
         only.
-    training_settings : further fields of `TrainingSettings` by name, such as ``{"noise_snr": 0.0}``.
+    training_settings : further fields of `TrainingSettings` by name, such as
+        ``{"noise_snr": 0.0}``.
     network_settings : settings of the network by name, such as ``{"dropout": 0.2}``.
     test_fraction : share of the windows whose recordings are held out (`held_out_`); 0 to train on
         all.

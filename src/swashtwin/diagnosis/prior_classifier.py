@@ -229,8 +229,8 @@ class PriorClassifier:
         """
         if self.virtual is None:
             raise DataError(
-                "This classifier is adapted already; adapt the prior itself, with all recordings at "
-                "once."
+                "This classifier is adapted already; adapt the prior itself, with all recordings "
+                "at once."
             )
         missing_channels = [name for name in channels if name not in self.channels]
         if missing_channels:
@@ -322,7 +322,7 @@ class PriorClassifier:
         }
 
     def class_of(self, label: str) -> str | None:
-        """Return the class of the prior that a recording's label stands for; None if there is none."""
+        """Return the class of the prior for which a recording's label stands, or None."""
         try:
             return canonical_label(self.fault_of.get(label, label), self.classes[:-1])
         except InputError:
@@ -454,8 +454,8 @@ class PriorClassifier:
             )
         if unit and recording.unit != unit:
             raise DataError(
-                f"{name} is in {recording.unit}, the healthy recordings are in {unit}; convert them "
-                "to one unit."
+                f"{name} is in {recording.unit}, the healthy recordings are in {unit}; convert "
+                "them to one unit."
             )
 
         speed = 2 * math.pi * require_shaft_frequency(recording)
@@ -503,8 +503,8 @@ class PriorClassifier:
         if not specimen and len(set(self.specimen)) == 1 and self.specimen[0]:
             specimen = self.specimen[0]
             note = (
-                f"The recording does not specify its machine; {specimen}, the only one with healthy "
-                "recordings, was assumed."
+                f"The recording does not specify its machine; {specimen}, the only one with "
+                "healthy recordings, was assumed."
             )
             notes = (note,)
         if specimen not in self.specimen:
@@ -526,8 +526,8 @@ class PriorClassifier:
         if at_speed.any():
             return np.flatnonzero(at_speed), notes
         note = (
-            "The machine's healthy recordings are at another speed; a change of speed may look like "
-            "a fault."
+            "The machine's healthy recordings are at another speed; a change of speed may look "
+            "like a fault."
         )
         return np.flatnonzero(at_pressure), (*notes, note)
 
@@ -602,8 +602,8 @@ def _shipped_path(design: Path | str) -> Path:
             "wrote."
         )
     raise InputError(
-        f"No prior of the design {design} is shipped (available: {', '.join(shipped)}). Make one of "
-        "your pump file with swashtwin twin prior, and give its file."
+        f"No prior of the design {design} is shipped (available: {', '.join(shipped)}). Make one "
+        "of your pump file with swashtwin twin prior, and give its file."
     )
 
 
@@ -635,8 +635,8 @@ def make_prior(
     classes = tuple(dict.fromkeys(label.tolist()))
     if len(classes) < 3 or not is_healthy(classes[0]):
         raise InputError(
-            "A prior needs at least three classes, the healthy one first and that of unknown faults "
-            f"last; the virtual pumps show {', '.join(classes) or 'none'}."
+            "A prior needs at least three classes, the healthy one first and that of unknown "
+            f"faults last; the virtual pumps show {', '.join(classes) or 'none'}."
         )
     target = np.array([classes.index(name) for name in label.tolist()], dtype=np.int8)
 

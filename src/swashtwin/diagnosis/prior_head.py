@@ -242,18 +242,9 @@ def fit_head(
         _line_changes(healthy_virtual, bands), _line_changes(healthy, bands)
     )
 
-    # A virtual pump's own scatter, shrunk toward that of all, since its references are few.
-    mean_square = np.mean(_flatten(healthy_virtual) ** 2, axis=0)
-    virtual_scale = np.sqrt(
-        (_N_PRIOR_SCATTER * mean_square + _N_REFERENCES * _flatten(virtual.scatter) ** 2)
-        / (_N_PRIOR_SCATTER + _N_REFERENCES)
-    )
+    virtual_scale = _virtual_scatter(virtual)
     virtual_scale[:, scale == 0] = 0
-
-    scaled_healthy = _divide_by_scatter(_flatten(healthy), scale)
-    _, singular_values, direction = np.linalg.svd(scaled_healthy, full_matrices=False)
-    variance = singular_values**2 / max(len(scaled_healthy), 1)
-    shrinkage = 1 - 1 / np.sqrt(1 + variance / LAMBDA)
+    direction, shrinkage = _healthy_directions(_divide_by_scatter(_flatten(healthy), scale))
 
     virtual_inputs = _network_inputs(
         _flatten(virtual.change), virtual_scale[virtual.number], direction, shrinkage
@@ -294,6 +285,26 @@ def fit_head(
     is_held_out = ~is_trained & (virtual.target < n_classes - 1)
     held_out_answers = head.answer_inputs(virtual_inputs[is_held_out])
     return replace(head, unknown_scores=np.sort(held_out_answers[:, -1]))
+
+
+def _virtual_scatter(virtual: VirtualChanges) -> Float64[np.ndarray, "pump column"]:
+    """Return each virtual pump's scatter, shrunk toward that of all, since it has few references."""
+    healthy_changes = _flatten(virtual.change[virtual.target == 0])
+    mean_square = np.mean(healthy_changes**2, axis=0)
+    scatter: Float64[np.ndarray, "pump column"] = np.sqrt(
+        (_N_PRIOR_SCATTER * mean_square + _N_REFERENCES * _flatten(virtual.scatter) ** 2)
+        / (_N_PRIOR_SCATTER + _N_REFERENCES)
+    )
+    return scatter
+
+
+def _healthy_directions(
+    scaled_changes: Float64[np.ndarray, "change column"],
+) -> tuple[Float64[np.ndarray, "direction column"], Float64[np.ndarray, " direction"]]:
+    """Return the directions in which healthy recordings scatter, and the shrinkage along each."""
+    _, singular_values, direction = np.linalg.svd(scaled_changes, full_matrices=False)
+    variance = singular_values**2 / max(len(scaled_changes), 1)
+    return direction, 1 - 1 / np.sqrt(1 + variance / LAMBDA)
 
 
 def _train_network(

@@ -217,8 +217,8 @@ def _describe_missing_verdict(
         subject = f"{np.count_nonzero(~has_verdict)} of {has_verdict.size} windows"
     return (
         f"the model's answer to {subject} is not a finite number, first at {start_s:.4g} s, where "
-        f"samples reach {peak:.3g} {recording.unit}. If that is far too large, cut it out or repair "
-        "the file; otherwise the model is damaged: train it again."
+        f"samples reach {peak:.3g} {recording.unit}. If that is far too large, cut it out or "
+        "repair the file; otherwise the model is damaged: train it again."
     )
 
 
@@ -361,8 +361,8 @@ def add_healthy_recordings(
         recordings = [recording for recording in unlabeled if recording.specimen == machine]
         if extended.recordings is None or not extended.recordings.knows(machine):
             raise DataError(
-                f"{recordings[0].recording_id} is the only healthy recording of {machine}; at least "
-                "two are needed to compare with."
+                f"{recordings[0].recording_id} is the only healthy recording of {machine}; at "
+                "least two are needed to compare with."
             )
 
         n_faulty = 0

@@ -281,8 +281,8 @@ CHECKS = MappingProxyType(
             ),
             Check(
                 "Measure the pressure ripple at the outlet, by order.",
-                "One piston that delivers less leaves lines at all multiples of the shaft, not only "
-                "at the piston-pass line.",
+                "One piston that delivers less leaves lines at all multiples of the shaft, not "
+                "only at the piston-pass line.",
             ),
             Check(
                 _OIL,
@@ -293,8 +293,8 @@ CHECKS = MappingProxyType(
             Check(
                 "Measure the pressure ripple at the outlet, at the piston-pass line and its "
                 "multiples.",
-                "A scratched dam or an eroded groove changes how the pressure in each chamber rises "
-                "at the dead centers, for every piston alike.",
+                "A scratched dam or an eroded groove changes how the pressure in each chamber "
+                "rises at the dead centers, for every piston alike.",
             ),
             Check(
                 _DRAIN + " Measure the delivered flow too.",

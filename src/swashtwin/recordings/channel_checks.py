@@ -192,14 +192,16 @@ def _row_at_extremes(
     span = maximum - minimum
     # The lower extreme is the upper one of the negative signal.
     for index, (values, extreme) in enumerate(((-row, -minimum), (row, maximum))):
-        near = np.flatnonzero(values >= extreme - _NEAR_EXTREME * span)
-        at_extreme = near[extreme - values[near] <= _AT_EXTREME * span]
+        near_extreme = np.flatnonzero(values >= extreme - _NEAR_EXTREME * span)
+        is_reached = extreme - values[near_extreme] <= _AT_EXTREME * span
+        at_extreme = near_extreme[is_reached]
         _, lengths = find_runs(at_extreme)
         counts[index, 0] = lengths[lengths >= _MIN_CLIPPED_RUN].sum()
-        counts[index, 1] = near.size - at_extreme.size
+        counts[index, 1] = near_extreme.size - at_extreme.size
     return counts
 
 
-def _crowd_size(in_runs: int, near: int) -> int:
+def _crowd_size(n_in_runs: int, n_near: int) -> int:
     """Return the samples in runs at an extreme, or 0 if these are not more than those near it."""
-    return in_runs if in_runs >= _MIN_CROWD and in_runs > near else 0
+    is_crowded = n_in_runs >= _MIN_CROWD and n_in_runs > n_near
+    return n_in_runs if is_crowded else 0

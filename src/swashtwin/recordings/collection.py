@@ -9,7 +9,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, LeakError, as_path
+from swashtwin.foundation import DataError, InputError, LeakError, as_path, plural
 from swashtwin.pump import PRESSURE_TOLERANCE, is_same_class, merge_close_values, values_match
 from swashtwin.recordings.file_loading import load_recording
 from swashtwin.recordings.findings import Finding, join_names
@@ -125,7 +125,7 @@ class Recordings(Sequence[Recording]):
         parts = [", ".join(f"{count} {label}" for label, count in labels.items())]
         specimens = {name for name in self.specimens if name}
         if specimens:
-            parts.append(f"{len(specimens)} specimen{'s' * (len(specimens) != 1)}")
+            parts.append(plural(len(specimens), "specimen"))
 
         rates = {recording.sample_rate for recording in self._recordings}
         rate = f"{min(rates):g} Hz" if len(rates) == 1 else f"{len(rates)} sample rates"
@@ -179,10 +179,10 @@ class Recordings(Sequence[Recording]):
         """
         criteria: list[_Criterion] = []
         if label is not None:
-            are_met = [is_same_class(other, label) for other in self.labels]
+            are_met = [is_same_class(known_label, label) for known_label in self.labels]
             criteria.append(_Criterion(f"the label {label!r}", "labels", self.labels, are_met))
         if specimen is not None:
-            are_met = [other == specimen for other in self.specimens]
+            are_met = [name == specimen for name in self.specimens]
             criteria.append(
                 _Criterion(f"the specimen {specimen!r}", "specimens", self.specimens, are_met)
             )
@@ -224,7 +224,7 @@ class Recordings(Sequence[Recording]):
             arguments = ("label", "specimen", "speed", "pressure", "ids")
             raise unknown_attribute_error(self._recordings, name, arguments)
 
-        are_met = [str(other) == str(value) for other in values]
+        are_met = [str(known_value) == str(value) for known_value in values]
         return _Criterion(f"{name} {value!r}", f"{name}s", values, are_met)
 
     def split(
@@ -363,14 +363,19 @@ def _load_collection(
 
 
 def _quantity_criterion(
-    name: str, unit: str, scale: float, wanted: float, values: Sequence[float], tolerance: float
+    name: str,
+    unit: str,
+    scale: float,
+    required_value: float,
+    values: Sequence[float],
+    tolerance: float,
 ) -> _Criterion:
     """Return the condition of a quantity; `scale` converts SI to `unit`."""
     return _Criterion(
-        description=f"the {name} {wanted * scale:.4g} {unit}",
+        description=f"the {name} {required_value * scale:.4g} {unit}",
         noun=f"{name}s [{unit}]",
         values=[f"{value * scale:.4g}" for value in sorted(values)],
-        are_met=[bool(values_match(value, wanted, tolerance)) for value in values],
+        are_met=[bool(values_match(value, required_value, tolerance)) for value in values],
     )
 
 

@@ -148,8 +148,8 @@ def rate_in_file(raw: RawFile, columns: Sequence[str], source_name: str) -> floa
         for rate, name in names_by_rate.items():
             texts.append(f"{name}: {f'{rate:g} Hz' if rate else 'none'}")
         raise DataError(
-            f"{source_name} holds channels of several rates ({', '.join(texts)}), and a recording has "
-            "one.",
+            f"{source_name} holds channels of several rates ({', '.join(texts)}), and a recording "
+            "has one.",
             field="channels",
             remedy="Select those of one rate with {channels}.",
         )

@@ -58,8 +58,8 @@ class _ChannelHash:
             self._is_constant = bool((rounded == self._first_value).all())
         if self._is_ramp:
             # The last sample of the previous part shows the step across the border.
-            joined = np.concatenate([self._previous, samples])
-            self._is_ramp = rises_evenly(joined, self._step)
+            consecutive = np.concatenate([self._previous, samples])
+            self._is_ramp = rises_evenly(consecutive, self._step)
         self._previous = samples[-1:].copy()
 
     def hexdigest(self) -> str:
@@ -70,7 +70,7 @@ class _ChannelHash:
 
 
 def hash_channels(parts: Iterable[Float[np.ndarray, "channel time"]]) -> tuple[str, ...]:
-    """Return the hash of each channel (`Samples.content_hashes`) from samples that come in parts."""
+    """Return the hash of each channel (`Samples.content_hashes`) of samples that come in parts."""
     hashes: list[_ChannelHash] = []
 
     for part in parts:

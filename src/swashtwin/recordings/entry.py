@@ -74,7 +74,7 @@ class Entry(ReadOptions):
 
         Parameters
         ----------
-        source_name : where the table stands, for messages.
+        source_name : file and section of the table, for messages.
 
         Raises
         ------

@@ -143,10 +143,13 @@ def _label_of_path(path: Path, stem: str, machine_folder: str | None) -> str:
     if parent and not re.search(r"\d", parent) and parent != machine_folder:
         return parent
 
-    words = [word for word in re.split(r"[_\-\s.]+", stem) if word and not re.search(r"\d", word)]
-    if len(words) > 1 and words[0] == machine_folder:
-        words = words[1:]
-    return "_".join(words)
+    label_words = []
+    for word in re.split(r"[_\-\s.]+", stem):
+        if word and not re.search(r"\d", word):
+            label_words.append(word)
+    if len(label_words) > 1 and label_words[0] == machine_folder:
+        label_words = label_words[1:]
+    return "_".join(label_words)
 
 
 def _match_pattern(name: str, pattern: str) -> tuple[dict[str, str], dict[str, str]]:

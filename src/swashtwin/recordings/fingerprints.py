@@ -104,7 +104,7 @@ def _compute_fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> st
 def _whiten_band(
     spectrum: np.ndarray, amplitude: np.ndarray, low_edge: int, seconds: int
 ) -> np.ndarray | None:
-    """Return the complex signal of a band with its lines cut to the noise, or None without noise."""
+    """Return the complex signal of a band, its lines cut to the noise; None without noise."""
     band = slice(low_edge * seconds, (low_edge + _BAND_WIDTH_HZ) * seconds)
     median_bins = int(_MEDIAN_WIDTH_HZ * seconds) | 1  # an odd number
     noise = scipy.ndimage.median_filter(amplitude[band], median_bins, mode="nearest")

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError, InputError, plain_text
+from swashtwin.foundation import DataError, InputError, plain_text, plural
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import BLOCK_SAMPLES
 from swashtwin.recordings.samples import Samples
@@ -124,10 +124,9 @@ class Recording:
 
     def __repr__(self) -> str:
         """Return a short text: name, class, channels and length."""
-        plural_s = "" if self.n_channels == 1 else "s"
         return (
             f"Recording({self.recording_id!r}: {self.label or 'no label'}, "
-            f"{self.n_channels} channel{plural_s} at {self.sample_rate:g} Hz, "
+            f"{plural(self.n_channels, 'channel')} at {self.sample_rate:g} Hz, "
             f"{self.duration:.4g} s)"
         )
 
@@ -317,7 +316,7 @@ def _combine_samples(
 
 
 def _copy_signal(signal: np.ndarray, recording_id: str) -> np.ndarray:
-    """Return a copy of a signal as real numbers, NaN where it is masked.
+    """Return a copy of a signal as real numbers, with NaN for masked samples.
 
     A copy, because a caller may change its array afterwards.
     """

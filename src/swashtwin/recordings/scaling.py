@@ -172,8 +172,8 @@ def _scale_channel(
 
     if raw.full_scale:
         raise DataError(
-            f"{source_name} holds integers without a scale, and {sensitivity.text} is for channels in "
-            f"{sensitivity.per}.",
+            f"{source_name} holds integers without a scale, and {sensitivity.text} is for channels "
+            f"in {sensitivity.per}.",
             field="sensitivity",
             remedy="Set the value of full scale, such as {sensitivity='50 m/s^2'}.",
         )
@@ -280,8 +280,8 @@ def _named_sensitivities(
                 names.append(name)
         if not names or not quantity:
             raise DataError(
-                f"{source_name}: sensitivity ({text}) names no channel; use NAME=QUANTITY for some of "
-                f"{', '.join(channels)}.",
+                f"{source_name}: sensitivity ({text}) names no channel; use NAME=QUANTITY for some "
+                f"of {', '.join(channels)}.",
                 field="sensitivity",
             )
         sensitivity = _Sensitivity.parse(quantity, source_name)

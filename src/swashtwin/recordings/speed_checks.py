@@ -87,7 +87,7 @@ def check_specified_speed(
 
 
 def check_sample_rate(recording: Recording) -> list[Finding]:
-    """Return a warning if vibration is not measured at the sample rate, as if kHz were taken for Hz."""
+    """Return a warning if the sample rate does not suit vibration, as if kHz were taken for Hz."""
     if recording.attributes.get("domain") == "angle":
         return []
 

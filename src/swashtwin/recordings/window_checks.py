@@ -4,7 +4,7 @@ import math
 import statistics
 from collections.abc import Iterator, Sequence
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, plural
 from swashtwin.recordings.findings import Finding
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.recording_facts import specified_shaft_frequency
@@ -92,7 +92,7 @@ def _round_to_power_of_two(samples: float) -> int:
 
 def _count_others(recordings: Sequence[Recording]) -> str:
     count = len(recordings) - 1
-    return f" ({count} other recording{'s' * (count > 1)} too)" if count else ""
+    return f" ({plural(count, 'other recording')} too)" if count else ""
 
 
 def _samples_per_turn(recording: Recording) -> int:

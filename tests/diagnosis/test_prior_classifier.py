@@ -343,7 +343,7 @@ def test_the_command_twin_prior_writes_a_prior(tmp_path: Path) -> None:
     assert PriorClassifier.load(out).virtual is not None
 
     refused = run("model", "adapt", tmp_path, "25scy14-1b", code=3)
-    assert "the prior stands first" in " ".join(refused.stderr.split())
+    assert "the pump prior comes first" in " ".join(refused.stderr.split())
 
 
 def training_recordings() -> list[Recording]:

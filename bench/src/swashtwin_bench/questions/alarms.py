@@ -1,5 +1,7 @@
-"""Whether the watch's alarm keeps its promise: on healthy pumps that drift, and on pumps whose
-fault grows, whose suspect a pump prior names that is adapted to what the watch learned.
+"""Alarms of the watch on healthy pumps that drift and on pumps whose fault grows.
+
+The suspect of an alarm comes from a pump prior, adapted to the recordings that the watch learned
+from.
 """
 
 import math
@@ -40,10 +42,10 @@ METRICS = {
 
 @dataclass(frozen=True)
 class AlarmStudySettings:
-    """How much is recorded of each pump, and the rule that judges it."""
+    """Courses of the study, and the rule that judges them."""
 
     pumps: int = 2
-    """Pumps of each fleet with a healthy course. The first pump wears, also where this is 0."""
+    """Pumps of each fleet with a healthy course. The first pump wears, even if this is 0."""
     healthy: int = 280
     """Recordings of a healthy course, three in a day."""
     worn: int = 120
@@ -51,11 +53,11 @@ class AlarmStudySettings:
     onset: int = 40
     """Recordings before the fault begins."""
     severity: float = 2.0
-    """Severity at the end over the typical one of the class, which grows evenly from the onset."""
+    """Severity at the end over the typical one of the class; it grows linearly from the onset."""
     duration: float = 2.0
     """Length of each recording [s]."""
     false_alarm_rate: float = 0.01
-    """The promise: chance that a pump that does not change ever raises an alarm."""
+    """Specified probability that a pump that does not change ever raises an alarm."""
     learning: int = 20
     """Recordings that a baseline learns from."""
     rig: str = RIG_VERSION
@@ -63,12 +65,12 @@ class AlarmStudySettings:
 
 
 def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
-    """False alarms on healthy courses, and severity and delay at the alarm where a fault grows.
+    """Return false alarms on healthy courses, and severity and delay at the alarm of faults.
 
     Parameters
     ----------
     work : its seeds are fleets of the virtual rig.
-    settings : how much is recorded, and the rule.
+    settings : courses and rule.
     """
     pumps = [chr(ord("A") + number) for number in range(settings.pumps)]
     courses = [(HEALTHY, seed, pump, settings, work.out) for seed in work.seeds for pump in pumps]
@@ -77,14 +79,17 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
         for kind in typical_faults(settings.rig)
         for seed in work.seeds
     ]
-    trials = [
-        Trial({"course": kind, "pump": pump}, seed, {name: run[name] for name in METRICS})
-        for (kind, seed, pump, *_), run in zip(
-            courses, work.map("courses", _run, courses), strict=True
-        )
-    ]
+    runs = work.map("courses", _run, courses)
+
+    trials = []
+    for (kind, seed, pump, *_), run in zip(courses, runs, strict=True):
+        values = {name: run[name] for name in METRICS}
+        trials.append(Trial({"course": kind, "pump": pump}, seed, values))
+
+    # The origin is the same for all recordings, so a short one will do.
     shortest = PlantCourse(recordings=1, duration=0.1, version=settings.rig)
-    first = next(plant_course(work.seeds[0], "A", shortest))[0]
+    first, _ = next(plant_course(work.seeds[0], "A", shortest))
+
     study = StudyTable(
         study="alarms",
         title="Does the alarm keep its promise, and does it come in time?",
@@ -101,6 +106,7 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
             "hours on a machine.",
         ),
     )
+
     return replace(study, answer=tuple(_answer(study, settings)))
 
 
@@ -113,7 +119,10 @@ def _run(
 
 
 def _course(kind: str, seed: int, pump: str, settings: AlarmStudySettings) -> dict[str, float]:
-    """Figures of one course. Recordings before the onset of a fault count as healthy."""
+    """Return the figures of one course.
+
+    Recordings before the onset of a fault count as healthy. The course ends with the alarm.
+    """
     is_healthy = kind == HEALTHY
     course = PlantCourse(
         recordings=settings.healthy if is_healthy else settings.worn,
@@ -128,35 +137,46 @@ def _course(kind: str, seed: int, pump: str, settings: AlarmStudySettings) -> di
         false_alarm_rate=settings.false_alarm_rate,
         baseline_recordings=settings.learning,
     )
-    counts = ("watched", "false_alarms", "large", "findings")
-    state, values = None, {name: 0.0 if name in counts else math.nan for name in METRICS}
+
+    values = dict.fromkeys(METRICS, math.nan)
+    for name in ("watched", "false_alarms", "large", "findings"):
+        values[name] = 0.0
+
+    state = None
     learned: list[Recording] = []
     for number, (recording, severity) in enumerate(plant_course(seed, pump, course)):
         judgment = monitor.judge(recording, state)
         state = judgment.state
         if judgment.stage == "learning":
             learned.append(recording)
+
         if severity == 0:
             values["watched"] += judgment.stage == "watching"
             values["large"] += judgment.is_large
             values["findings"] += bool(judgment.findings)
             values["false_alarms"] += judgment.pump == "raised"
         elif judgment.is_alarm:
-            at = {"alarm_at": severity, "delay": float(number + 1 - settings.onset)}
-            return {**values, **at, **_suspected(learned, recording, settings.rig, seed)}
+            values["alarm_at"] = severity
+            values["delay"] = float(number + 1 - settings.onset)
+            return values | _score_suspect(learned, recording, settings.rig, seed)
+
     return values
 
 
-def _suspected(
+def _score_suspect(
     learned: Sequence[Recording], recording: Recording, rig: str, seed: int
 ) -> dict[str, float]:
-    """Figures of the suspect of an alarm."""
-    specimen = VERSIONS[rig].draw_specimen(load_pump(PUMP), str(recording.specimen), seed)
-    pistons = len(specimen.clearances) if rig in OTHER_DESIGNS else None
-    suspect = Suspect.of(
-        PriorClassifier.load(PUMP).fit(learned, pistons=pistons).diagnose(recording)
-    )
-    is_right, is_sure = suspect.label == recording.label, suspect.certainty == "sure"
+    """Return the figures of the suspect of an alarm."""
+    pistons = None
+    if rig in OTHER_DESIGNS:
+        specimen = VERSIONS[rig].draw_specimen(load_pump(PUMP), str(recording.specimen), seed)
+        pistons = len(specimen.clearances)
+
+    prior = PriorClassifier.load(PUMP).fit(learned, pistons=pistons)
+    suspect = Suspect.of(prior.diagnose(recording))
+    is_right = suspect.label == recording.label
+    is_sure = suspect.certainty == "sure"
+
     return {
         "named_right": float(is_sure and is_right),
         "named_wrong": float(is_sure and not is_right),
@@ -166,46 +186,56 @@ def _suspected(
 
 
 def _answer(study: StudyTable, settings: AlarmStudySettings) -> Iterator[str]:
-    healthy, trends = study.select(course=HEALTHY), typical_faults(settings.rig)
-    watched = int(sum(trial.values["watched"] for trial in healthy))
-    false_alarms = [int(trial.values["false_alarms"]) for trial in healthy]
-    ever = sum(count > 0 for count in false_alarms)
+    healthy = study.select(course=HEALTHY)
     if healthy:
+        watched = int(sum(trial.values["watched"] for trial in healthy))
+        false_alarms = [int(trial.values["false_alarms"]) for trial in healthy]
+        ever = sum(count > 0 for count in false_alarms)
         yield (
             f"Healthy: {sum(false_alarms)} false alarms in {watched} recordings watched "
             f"({_share(sum(false_alarms), watched)}); {ever} of {len(healthy)} pumps ever raised "
             f"one ({_share(ever, len(healthy))}), {settings.false_alarm_rate:g} is promised for "
             "one that does not change."
         )
+
         findings = int(sum(trial.values["findings"] for trial in healthy))
         share = _share(findings, watched)
         yield f"Findings about sensors or a pump at rest in healthy recordings: {findings} ({share})."
+
+    trends = typical_faults(settings.rig)
     worn = [trial for trial in study.trials if trial.factors["course"] != HEALTHY]
-    before = int(sum(trial.values["false_alarms"] for trial in worn))
+    false_alarms_before = int(sum(trial.values["false_alarms"] for trial in worn))
     healthy_part = int(sum(trial.values["watched"] for trial in worn))
-    yield f"Growing faults: {before} false alarms in {healthy_part} recordings watched before the onset."
+    yield (
+        f"Growing faults: {false_alarms_before} false alarms in {healthy_part} recordings "
+        "watched before the onset."
+    )
+
     yield _detection("all classes", worn)
     for kind in trends:
         yield _detection(kind.replace("_", " "), study.select(course=kind))
-    is_held = {kind: fault.label in CLASSES for kind, fault in trends.items()}
-    yield _suspicion(
-        "faults that the prior holds", [item for item in worn if is_held[item.factors["course"]]]
-    )
-    if not all(is_held.values()):
-        yield _suspicion("others", [item for item in worn if not is_held[item.factors["course"]]])
+
+    known_trends = [kind for kind, fault in trends.items() if fault.label in CLASSES]
+    known = [trial for trial in worn if trial.factors["course"] in known_trends]
+    yield _suspicion("faults that the prior holds", known)
+    if len(known_trends) < len(trends):
+        unknown = [trial for trial in worn if trial.factors["course"] not in known_trends]
+        yield _suspicion("others", unknown)
 
 
 def _detection(name: str, trials: Sequence[Trial]) -> str:
-    """How many courses were alarmed in time, and when."""
+    """Return how many courses raised an alarm in time, and when."""
     severity = np.array([trial.values["alarm_at"] for trial in trials])
     in_time = int(np.sum(severity <= 1))
     delay = [trial.values["delay"] for trial in trials if not math.isnan(trial.values["delay"])]
-    when = (
-        f"; median severity at the alarm {np.nanmedian(severity):.2f}, median delay "
-        f"{np.median(delay):.0f} recordings"
-        if delay
-        else ""
-    )
+
+    when = ""
+    if delay:
+        when = (
+            f"; median severity at the alarm {np.nanmedian(severity):.2f}, "
+            f"median delay {np.median(delay):.0f} recordings"
+        )
+
     return (
         f"{name}: {in_time} of {len(trials)} courses alarmed at the typical severity or before "
         f"({_share(in_time, len(trials))}), {len(delay)} at all{when}."
@@ -213,12 +243,13 @@ def _detection(name: str, trials: Sequence[Trial]) -> str:
 
 
 def _suspicion(name: str, trials: Sequence[Trial]) -> str:
-    """How often the suspects of alarms were right."""
+    """Return how often the suspects of alarms were right."""
     at_alarm = [trial.values for trial in trials if not math.isnan(trial.values["delay"])]
-    right, wrong, likeliest, unknown = (
-        int(sum(values[name] for values in at_alarm))
-        for name in ("named_right", "named_wrong", "likeliest_right", "unknown")
-    )
+    right = int(sum(values["named_right"] for values in at_alarm))
+    wrong = int(sum(values["named_wrong"] for values in at_alarm))
+    likeliest = int(sum(values["likeliest_right"] for values in at_alarm))
+    unknown = int(sum(values["unknown"] for values in at_alarm))
+
     return (
         f"Suspect at the alarm, {name}: likeliest right in {likeliest} of {len(at_alarm)} "
         f"({_share(likeliest, len(at_alarm))}); named right {right}, named wrong {wrong}, unknown "
@@ -227,8 +258,9 @@ def _suspicion(name: str, trials: Sequence[Trial]) -> str:
 
 
 def _share(count: int, total: int) -> str:
-    """Share and its 95 % interval (Clopper and Pearson)."""
+    """Return a share and its 95 % interval (Clopper and Pearson)."""
     if not total:
         return "none"
+
     interval = binomtest(count, total).proportion_ci(method="exact")
     return f"{count / total:.2g}, 95 % interval {interval.low:.2g} to {interval.high:.2g}"

@@ -1,12 +1,13 @@
-"""How near calibrated twins come to pumps of the virtual rig, and whether their intervals hold what
-they promise.
+"""Errors of calibrated twins on pumps of the virtual rig, and coverage of their intervals.
 
 Each pump of each fleet is calibrated by every method on all but one of its recordings of one class
-at one pressure. Errors (RMSE, PE, SVE) are those on the recording that was kept. The six values are
-held against those that held in the rig on average over the recordings calibrated on (the rig takes
-a pump apart between two recordings, and its films follow oil and pressure). Two rows are no twins
-but the rig's own lines without their noise: of the very recording that is tested on, which nothing
-can beat, and of another recording of the pump, which is all that can be known without it.
+at one pressure. Errors (RMSE, PE, SVE) are those on the held-out recording. The six values are
+compared with the mean of the true ones over the recordings calibrated on (the rig takes a pump
+apart between two recordings, and its films follow oil and pressure).
+
+Two rows are not twins but the rig's true lines without noise: those of the held-out recording,
+which nothing can beat, and those of another recording of the pump, which is all that can be known
+without the held-out one.
 """
 
 from collections.abc import Sequence
@@ -46,9 +47,9 @@ class Contender:
     method: Calibrator
     """The search."""
     nuisances: Nuisances = field(default_factory=Nuisances)
-    """What is searched beside the six values."""
+    """What is searched besides the six values."""
     phases: bool = False
-    """Whether the lines' phases are compared too."""
+    """Whether the phases of the lines are compared too."""
 
 
 CONTENDERS: dict[str, Contender] = {
@@ -66,7 +67,7 @@ FAULTS = {
     "normal": None,
     "swash_plate": SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24)),
 }
-"""What the twin of each class simulates: the recess as it was machined."""
+"""Fault of the twin of each class: the recess as machined."""
 
 METRICS = {
     "rmse": "RMSE [m/s²]",
@@ -81,24 +82,22 @@ METRICS = {
 
 @dataclass(frozen=True)
 class CalibrationStudySettings:
-    """What is calibrated on what."""
+    """Recordings and methods of the study."""
 
     label: str = "normal"
     """Class of the recordings; a name in `FAULTS`."""
     pressure: float = MPa(10)
-    """Discharge pressure at which is calibrated [Pa]."""
+    """Discharge pressure of the recordings [Pa]."""
     specimens: int = 6
     """Pumps in each fleet."""
     repeats: int = 3
-    """Recordings of each pump at each pressure; the last at `pressure` is tested on."""
+    """Recordings of each pump; the last one is held out."""
     contenders: tuple[str, ...] = tuple(CONTENDERS)
     """Names in `CONTENDERS`."""
 
     def __post_init__(self) -> None:
         if self.label not in FAULTS:
-            raise InputError(
-                f"label {self.label!r} has no twin here; choose one of {', '.join(FAULTS)}."
-            )
+            raise InputError(f"Invalid label {self.label!r}: must be one of {', '.join(FAULTS)}.")
         if self.repeats < 2 or self.specimens < 1:
             raise InputError(
                 f"repeats ({self.repeats}) must be at least 2, of which one is tested on, and "
@@ -107,13 +106,13 @@ class CalibrationStudySettings:
         unknown = [name for name in self.contenders if name not in CONTENDERS]
         if unknown:
             raise InputError(
-                f"methods {', '.join(unknown)} are unknown; choose among {', '.join(CONTENDERS)}."
+                f"Invalid methods {', '.join(unknown)}: must be among {', '.join(CONTENDERS)}."
             )
 
 
 @dataclass(frozen=True, eq=False)
 class _Pump:
-    """One pump's recordings by role, with the truth behind them."""
+    """Recordings of one pump by role, each with its run in the rig."""
 
     seed: int
     name: str
@@ -122,23 +121,36 @@ class _Pump:
 
 
 def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
-    """Errors, coverage and cost of the nominal twin and of every way to calibrate, a trial for each
-    pump.
+    """Return errors, coverage and cost of the nominal twin and of every way to calibrate.
+
+    Each pump is a trial.
 
     Parameters
     ----------
     work : its seeds are fleets of the rig.
-    settings : what is calibrated on what.
+    settings : recordings and methods.
     """
-    pumps = [pump for seed in work.seeds for pump in _fleet(seed, settings, work.jobs)]
-    by_pump = work.map("pumps", _of_pump, [(pump, settings) for pump in pumps])
-    names = [trial.factors["twin"] for trial in by_pump[0][0]]
-    trials = [trial for trials, _ in by_pump for trial in trials]
+    pumps: list[_Pump] = []
+    for seed in work.seeds:
+        pumps += _record_fleet(seed, settings, work.jobs)
+
+    trials: list[Trial] = []
+    intervals: list[dict[str, Any]] = []
+    for pump_trials, pump_intervals in work.map(
+        "pumps", _calibrate_pump, [(pump, settings) for pump in pumps]
+    ):
+        trials += pump_trials
+        intervals += pump_intervals
+
+    # The first pump has a trial of every twin, in the order of the table.
+    names = list(dict.fromkeys(trial.factors["twin"] for trial in trials))
+    trials.sort(key=lambda trial: names.index(trial.factors["twin"]))
+
     table = StudyTable(
         study="calibration",
         title="How near do calibrated twins come, and do their intervals hold the truth?",
         metrics=METRICS,
-        trials=tuple(sorted(trials, key=lambda trial: names.index(trial.factors["twin"]))),
+        trials=tuple(trials),
         answer=(),
         settings={
             **asdict(settings),
@@ -160,34 +172,35 @@ def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
             "RMSE and PE contain the recording's noise and the reassembly of the pump between two "
             "recordings: the rows of the rig's truth say how much no twin can explain.",
         ),
-        details={
-            "intervals": _intervals(
-                settings.contenders, [row for _, rows in by_pump for row in rows]
-            )
-        },
+        details={"intervals": _summarize_intervals(settings.contenders, intervals)},
     )
+
     return replace(table, answer=_answer(table, names))
 
 
-def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pump]:
+def _record_fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pump]:
     size = RigSize(specimens=settings.specimens, repeats=settings.repeats)
     pairs = rig_recordings(
         seed, size, labels=(settings.label,), pressures=(settings.pressure,), jobs=jobs
     )
-    of_pump: dict[str, list[tuple[Recording, Run]]] = {}
-    for pair in pairs:
-        of_pump.setdefault(str(pair[0].specimen), []).append(pair)
-    return [_Pump(seed, name, train, held_out) for name, (*train, held_out) in of_pump.items()]
+
+    pairs_by_pump: dict[str, list[tuple[Recording, Run]]] = {}
+    for recording, run in pairs:
+        pairs_by_pump.setdefault(str(recording.specimen), []).append((recording, run))
+
+    return [_Pump(seed, name, train[:-1], train[-1]) for name, train in pairs_by_pump.items()]
 
 
-def _of_pump(
+def _calibrate_pump(
     pump: _Pump, settings: CalibrationStudySettings
 ) -> tuple[list[Trial], list[dict[str, Any]]]:
-    """(A trial for each twin of a pump, a row for each value of each calibration.)"""
-    train, held_out = [recording for recording, _ in pump.train], pump.held_out[0]
+    """Return a trial for each twin of a pump, and a row for each value of each calibration."""
+    train = [recording for recording, _ in pump.train]
+    held_out, held_out_run = pump.held_out
     assert train[0].condition is not None
     nominal = Twin(load_pump("25scy14-1b"), train[0].condition, FAULTS[settings.label])
-    truth = np.mean([np.log(true_values(run)) for _, run in pump.train], axis=0)
+    log_truth = np.mean([np.log(true_values(run)) for _, run in pump.train], axis=0)
+
     trials = [Trial({"twin": "nominal"}, pump.seed, errors_on(held_out, nominal))]
     rows: list[dict[str, Any]] = []
     for name in settings.contenders:
@@ -201,30 +214,36 @@ def _of_pump(
             explain_misfit=False,
             seed=pump.seed,
         )
-        own = [
-            _interval(pump, name, estimate, true)
-            for estimate, true in zip(calibration.estimates, truth, strict=True)
+        estimates = [
+            _describe_estimate(pump, name, estimate, value)
+            for estimate, value in zip(calibration.estimates, log_truth, strict=True)
         ]
-        sure = [row["held"] for row in own if row["verdict"] == "identified"]
+        covered = [row["held"] for row in estimates if row["verdict"] == "identified"]
         values = {
             **errors_on(held_out, calibration.twin),
             "wall_s": calibration.wall_s,
             "simulations": float(calibration.simulations),
-            "identified": float(len(sure)),
-            "coverage": float(np.mean(sure)) if sure else float("nan"),
+            "identified": float(len(covered)),
+            "coverage": float(np.mean(covered)) if covered else float("nan"),
         }
         trials.append(Trial({"twin": name}, pump.seed, values))
-        rows += own
+        rows += estimates
+
     for name, run in (
         ("rig_truth_of_another_recording", pump.train[0][1]),
-        ("rig_truth", pump.held_out[1]),
+        ("rig_truth", held_out_run),
     ):
         trials.append(Trial({"twin": name}, pump.seed, _errors_of_truth(held_out, nominal, run)))
+
     return trials, rows
 
 
-def _interval(pump: _Pump, method: str, estimate: Estimate, truth: float) -> dict[str, Any]:
+def _describe_estimate(
+    pump: _Pump, method: str, estimate: Estimate, log_truth: float
+) -> dict[str, Any]:
     low, high = estimate.interval
+    truth = float(np.exp(log_truth))
+
     return {
         "seed": pump.seed,
         "specimen": pump.name,
@@ -232,55 +251,63 @@ def _interval(pump: _Pump, method: str, estimate: Estimate, truth: float) -> dic
         "symbol": estimate.symbol,
         "value": estimate.value,
         "interval": [low, high],
-        "truth": float(np.exp(truth)),
-        "held": bool(low <= np.exp(truth) <= high),
+        "truth": truth,
+        "held": bool(low <= truth <= high),
         "verdict": estimate.verdict,
-        "off": float((np.log(estimate.value) - truth) / estimate.log_std),
+        "off": float((np.log(estimate.value) - log_truth) / estimate.log_std),
     }
 
 
 def errors_on(recording: Recording, twin: Twin) -> dict[str, float]:
-    """RMSE, PE and SVE of a twin on a recording at its operating point."""
+    """Return RMSE, PE and SVE of a twin on a recording at its operating point."""
     (comparison,) = build_objective(twin, measure(twin, [recording])).comparisons
-    return _errors(
-        evaluate_agreement(comparison.measurement, twin, comparison.amplitude_of(twin))[0]
-    )
+    amplitude = comparison.amplitude_of(twin)
+    agreement, *_ = evaluate_agreement(comparison.measurement, twin, amplitude)
+
+    return _errors(agreement)
 
 
 def _errors_of_truth(recording: Recording, nominal: Twin, run: Run) -> dict[str, float]:
-    """Those of the rig's own lines without noise, in place of a twin's."""
-    measurement, lines = measure(nominal, [recording]), sensor_lines(run)
+    """Return the errors of the rig's lines without noise, in place of a twin's."""
+    measurement = measure(nominal, [recording])
+    lines = sensor_lines(run)
     orders = np.arange(1, lines.shape[1] + 1)
     amplitude = np.abs(lines[:, measurement.orders - 1])
-    return _errors(
-        average_agreements([evaluate_line_agreement(measurement, lines, orders, amplitude)[0]])
-    )
+    agreement, *_ = evaluate_line_agreement(measurement, lines, orders, amplitude)
+
+    return _errors(average_agreements([agreement]))
 
 
-def _errors(near: Agreement) -> dict[str, float]:
-    return {"rmse": near.rmse, "pe": near.peak_error, "sve": near.spectrum_value_error}
+def _errors(agreement: Agreement) -> dict[str, float]:
+    return {
+        "rmse": agreement.rmse,
+        "pe": agreement.peak_error,
+        "sve": agreement.spectrum_value_error,
+    }
 
 
-def _intervals(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """For each way to calibrate: how often intervals held, of all pumps together, and every single
-    one.
-    """
+def _summarize_intervals(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the coverage of each way to calibrate over all pumps, and every single interval."""
     table: dict[str, Any] = {}
     for name in names:
-        own = [row for row in rows if row["twin"] == name]
-        sure = [row for row in own if row["verdict"] == "identified"]
-        by_symbol: dict[str, list[bool]] = {}
-        for row in own:
-            by_symbol.setdefault(row["symbol"], []).append(row["verdict"] == "identified")
+        estimates = [row for row in rows if row["twin"] == name]
+        identified = [row for row in estimates if row["verdict"] == "identified"]
+
+        is_identified: dict[str, list[bool]] = {}
+        for row in estimates:
+            is_identified.setdefault(row["symbol"], []).append(row["verdict"] == "identified")
+        by_symbol = {symbol: _share(hits) for symbol, hits in is_identified.items()}
+
         table[name] = {
-            "values": len(own),
-            "identified": len(sure),
-            "held_of_identified": _share([row["held"] for row in sure]),
-            "beyond_three_of_identified": _share([abs(row["off"]) > 3 for row in sure]),
-            "held_of_all": _share([row["held"] for row in own]),
-            "identified_by_symbol": {letter: _share(hits) for letter, hits in by_symbol.items()},
-            "single": own,
+            "values": len(estimates),
+            "identified": len(identified),
+            "held_of_identified": _share([row["held"] for row in identified]),
+            "beyond_three_of_identified": _share([abs(row["off"]) > 3 for row in identified]),
+            "held_of_all": _share([row["held"] for row in estimates]),
+            "identified_by_symbol": by_symbol,
+            "single": estimates,
         }
+
     return table
 
 
@@ -290,16 +317,16 @@ def _share(hits: Sequence[bool]) -> float | None:
 
 def _answer(table: StudyTable, names: Sequence[str]) -> tuple[str, ...]:
     def over_nominal(name: str) -> str:
-        """Mean errors over those of the nominal twin."""
-        means = [
-            [np.mean(table.values(metric, twin=twin)) for metric in _ERRORS]
-            for twin in (name, "nominal")
-        ]
-        return ", ".join(
-            f"{metric.upper()} {own / of:.2f}"
-            for metric, own, of in zip(_ERRORS, *means, strict=True)
-        )
+        """Return the mean errors over those of the nominal twin."""
+        ratios = []
+        for metric in _ERRORS:
+            error = np.mean(table.values(metric, twin=name))
+            nominal_error = np.mean(table.values(metric, twin="nominal"))
+            ratios.append(f"{metric.upper()} {error / nominal_error:.2f}")
 
+        return ", ".join(ratios)
+
+    # The first row is the nominal twin, the last two are the rig's truth.
     sentences = []
     for name in names[1:-2]:
         sentences.append(f"{name} over nominal on recordings held out: {over_nominal(name)}.")

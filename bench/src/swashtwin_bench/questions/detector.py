@@ -1,5 +1,7 @@
-"""What a detector from twenty healthy recordings catches at its stated rate, and what two odd ones
-among them cost.
+"""Detection by a detector that learned from twenty healthy recordings.
+
+Its false alarms are compared with the specified rate. Two anomalous recordings among the twenty
+show what such mistakes cost.
 """
 
 from collections.abc import Iterator
@@ -26,13 +28,21 @@ METRICS = {
 }
 """Heading of each figure."""
 ODD = ("none", "bursts", "a disturbed sensor", "another pressure")
-_HEALTHY, _FAULTY, _TRAIN = 18, 4, 20
-"""Recordings of a pump and pressure, healthy and of each fault; healthy ones that train."""
+"""Kinds of the two anomalous recordings among those that train."""
+
+# Healthy recordings of a pump and pressure.
+_HEALTHY = 18
+
+# Recordings of a pump and pressure of each fault.
+_FAULTY = 4
+
+# Recordings that train a detector, two of them anomalous.
+_TRAIN = 20
 
 
 @dataclass(frozen=True)
 class DetectorStudySettings:
-    """What is recorded."""
+    """Recordings of the study."""
 
     rig: str = RIG_VERSION
     """Version of the rig."""
@@ -43,25 +53,27 @@ class DetectorStudySettings:
 
 
 def detector(work: Work, settings: DetectorStudySettings) -> StudyTable:
-    """Table by kind of odd recording, of which two stand among the twenty that train; a fleet for
-    each seed.
+    """Return detections and false alarms, a row for each kind of anomalous recording.
+
+    Parameters
+    ----------
+    work : its seeds are fleets of the rig.
     """
-    found = work.map("fleets", _of_fleet, [(seed, settings) for seed in work.seeds])
-    pairs = list(zip(work.seeds, found, strict=True))
+    figures = work.map("fleets", _measure_fleet, [(seed, settings) for seed in work.seeds])
+    trials = []
+    for kind in ODD:
+        for seed, by_kind in zip(work.seeds, figures, strict=True):
+            trials.append(Trial({"two odd ones": kind}, seed, by_kind[kind]))
+
+    first, _ = next(rig_recordings(work.seeds[0], RigSize(1, 1, 0.1), version=settings.rig))
     study = StudyTable(
         study="detector",
         title="Does a detector keep its rate, and what do odd healthy recordings cost it?",
         metrics=METRICS,
-        trials=tuple(
-            Trial({"two odd ones": kind}, seed, values[kind])
-            for kind in ODD
-            for seed, values in pairs
-        ),
+        trials=tuple(trials),
         answer=(),
         settings=asdict(settings),
-        origin=describe_origin(
-            [next(rig_recordings(work.seeds[0], RigSize(1, 1, 0.1), version=settings.rig))[0]]
-        ),
+        origin=describe_origin([first]),
         notes=(
             "Of twenty, 0.05 is promised, of eighteen 0.053, in the mean over sets of healthy "
             "ones. All recordings of a pump are compared with one set, so false alarms come in "
@@ -71,78 +83,89 @@ def detector(work: Work, settings: DetectorStudySettings) -> StudyTable:
     return replace(study, answer=tuple(_answer(study)))
 
 
-def _of_fleet(seed: int, settings: DetectorStudySettings) -> dict[str, dict[str, float]]:
-    """Figures of all pumps of a fleet by the kind of the odd recordings."""
-    recordings = [
-        recording
-        for count, is_usual in ((_HEALTHY, True), (_FAULTY, False))
-        for recording, _ in rig_recordings(
-            seed, RigSize(settings.pumps, count, settings.duration), version=settings.rig,
-            labels=[name for name in CLASSES if is_healthy(name) is is_usual],
-        )
-    ]  # fmt: skip
-    sums = {kind: np.zeros(6) for kind in ODD}
-    for pump in sorted({str(recording.specimen) for recording in recordings}):
-        of_pump = [recording for recording in recordings if recording.specimen == pump]
-        own, faults = of_pump[: len(PRESSURES) * _HEALTHY], of_pump[len(PRESSURES) * _HEALTHY :]
-        own = [
-            recording for repeat in range(_HEALTHY) for recording in own[repeat::_HEALTHY]
-        ]  # pressures in turn
-        usual, last, new, spare = (
-            own[: _TRAIN - 2],
-            own[_TRAIN - 2 : _TRAIN],
-            own[_TRAIN:-2],
-            own[-2:],
-        )
-        before = _alarms(AnomalyDetector().fit(usual), faults)
+def _measure_fleet(seed: int, settings: DetectorStudySettings) -> dict[str, dict[str, float]]:
+    """Return the figures of all pumps of a fleet, by kind of the anomalous recordings."""
+    healthy = _record(seed, settings, _HEALTHY, [name for name in CLASSES if is_healthy(name)])
+    faulty = _record(seed, settings, _FAULTY, [name for name in CLASSES if not is_healthy(name)])
+
+    sums = {kind: np.zeros(len(METRICS)) for kind in ODD}
+    for pump in sorted({str(recording.specimen) for recording in healthy}):
+        faults = [recording for recording in faulty if recording.specimen == pump]
+        by_pressure = [recording for recording in healthy if recording.specimen == pump]
+
+        # Pressures alternate, so that those that train and those that test have all of them.
+        alternating: list[Recording] = []
+        for repeat in range(_HEALTHY):
+            alternating += by_pressure[repeat::_HEALTHY]
+        normal = alternating[: _TRAIN - 2]
+        healthy_pair = alternating[_TRAIN - 2 : _TRAIN]
+        tested = alternating[_TRAIN:-2]
+        pair_to_disturb = alternating[-2:]
+
+        caught_by_normal = _count_alarms(AnomalyDetector().fit(normal), faults)
         for kind in ODD:
-            odd = last if kind == "none" else [_odd(kind, recording, seed) for recording in spare]
-            fitted = AnomalyDetector().fit([*usual, *odd])
-            left_out = sum(recording.recording_id not in fitted.manifest for recording in odd)
+            pair = healthy_pair
+            if kind != "none":
+                pair = [_disturb(kind, recording, seed) for recording in pair_to_disturb]
+            fitted = AnomalyDetector().fit([*normal, *pair])
+            excluded = sum(recording.recording_id not in fitted.manifest for recording in pair)
             sums[kind] += (
-                len(new),
-                _alarms(fitted, new),
+                len(tested),
+                _count_alarms(fitted, tested),
                 len(faults),
-                before,
-                _alarms(fitted, faults),
-                left_out,
+                caught_by_normal,
+                _count_alarms(fitted, faults),
+                excluded,
             )
+
     return {kind: dict(zip(METRICS, values.tolist(), strict=True)) for kind, values in sums.items()}
 
 
-def _alarms(fitted: AnomalyDetector, recordings: list[Recording]) -> int:
+def _record(
+    seed: int, settings: DetectorStudySettings, repeats: int, labels: list[str]
+) -> list[Recording]:
+    size = RigSize(settings.pumps, repeats, settings.duration)
+    pairs = rig_recordings(seed, size, version=settings.rig, labels=labels)
+
+    return [recording for recording, _ in pairs]
+
+
+def _count_alarms(fitted: AnomalyDetector, recordings: list[Recording]) -> int:
     return sum(bool(fitted.diagnose(recording).alarm) for recording in recordings)
 
 
-def _odd(kind: str, recording: Recording, seed: int) -> Recording:
-    """Three to eight knocks of 8 to 25 times the rms; a channel with another gain or with hum;
-    another set pressure.
+def _disturb(kind: str, recording: Recording, seed: int) -> Recording:
+    """Return a recording with a disturbance.
+
+    ``bursts`` are three to eight knocks of 8 to 25 times the rms, ``a disturbed sensor`` is a
+    channel with another gain or with hum, and ``another pressure`` is set wrongly.
     """
-    rng, signal, rate = (
-        random_stream(seed, kind, recording.recording_id),
-        recording.signal.copy(),
-        recording.sample_rate,
-    )
-    if kind == "another pressure" and (condition := recording.condition) is not None:
-        other = PRESSURES[0] if condition.discharge_pressure > PRESSURES[0] else PRESSURES[-1]
-        return recording.replace(condition=replace(condition, discharge_pressure=other))
+    rng = random_stream(seed, kind, recording.recording_id)
+    signal = recording.signal.copy()
+    rate = recording.sample_rate
+    condition = recording.condition
+
+    if kind == "another pressure" and condition is not None:
+        is_lowest = condition.discharge_pressure <= PRESSURES[0]
+        pressure = PRESSURES[-1] if is_lowest else PRESSURES[0]
+        return recording.replace(condition=replace(condition, discharge_pressure=pressure))
+
     if kind == "bursts":
-        time, rms = np.arange(round(0.3 * rate)) / rate, signal.std(axis=1, keepdims=True)
+        time = np.arange(round(0.3 * rate)) / rate
+        rms = signal.std(axis=1, keepdims=True)
         for start in rng.integers(0, signal.shape[1] - len(time), rng.integers(3, 9)).tolist():
-            knock = np.exp(-time / rng.uniform(0.01, 0.06)) * np.sin(
-                2 * np.pi * rng.uniform(400, 5000) * time
-            )
+            decay = np.exp(-time / rng.uniform(0.01, 0.06))
+            knock = decay * np.sin(2 * np.pi * rng.uniform(400, 5000) * time)
             signal[:, start : start + len(time)] += rng.uniform(8, 25) * rms * knock
+
     if kind == "a disturbed sensor":
-        row = signal[rng.integers(len(signal))]
+        channel = signal[rng.integers(len(signal))]
         if rng.integers(2):
-            row *= 10 ** (rng.choice([-1, 1]) * rng.uniform(3, 9) / 20)
+            channel *= 10 ** (rng.choice([-1, 1]) * rng.uniform(3, 9) / 20)
         else:
-            row += (
-                row.std()
-                * rng.uniform(0.5, 2)
-                * np.sign(np.sin(100 * np.pi * np.arange(len(row)) / rate + 0.1))
-            )
+            hum = np.sign(np.sin(100 * np.pi * np.arange(len(channel)) / rate + 0.1))
+            channel += channel.std() * rng.uniform(0.5, 2) * hum
+
     return recording.replace(signal=signal)
 
 
@@ -151,6 +174,7 @@ def _answer(study: StudyTable) -> Iterator[str]:
         sums = [sum(study.values(name, **{"two odd ones": kind})) for name in METRICS]
         healthy, alarms, faults, before, caught, _ = sums
         low, high = wilson_interval(alarms / healthy, int(healthy))
+
         yield (
             f"{kind}: {alarms:.0f} false alarms in {healthy:.0f}, {alarms / healthy:.3f} "
             f"({low:.3f} to {high:.3f}); {caught / faults:.3f} of the faults caught, "

@@ -1,10 +1,8 @@
-"""Zero-shot: a pump prior that saw no measured fault, beside measured faults, on recordings of the
-virtual rig.
+"""Zero-shot: a pump prior without measured faults, on recordings of the virtual rig.
 
-Every class of fault in the prior is synthetic; the tests are measured recordings, split L5. Each
-machine has healthy recordings from its first days, which others are compared with; they are never
-tested on. Measured faults also teach: a few of each beside the prior, or all of them alone (an
-oracle).
+Every fault class of the prior is synthetic; the tests are measured recordings, split L5. Each
+machine has healthy recordings from its first days as a reference, which never test. For comparison,
+measured faults also teach: a few of each together with the prior, or all of them alone (an oracle).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,15 +21,19 @@ from swashtwin_bench.studies.cells import recordings_by_cell
 
 DESIGN = "25scy14-1b"
 """Name of the shipped prior."""
-HEALTHY = 6
-"""Healthy recordings of a pump and operating point that the prior is adapted to; half as many
-test.
-"""
-HELD_OUT = 2
-"""Pumps of which nothing teaches but healthy recordings."""
 
-SAME, UNSEEN = "same pump", "unseen pump"
-"""The tests: other recordings of pumps whose faults may teach, and pumps held out."""
+HEALTHY = 6
+"""Healthy recordings of a pump and operating point that the prior is adapted to; half as many test.
+"""
+
+HELD_OUT = 2
+"""Held-out pumps, of which only healthy recordings teach."""
+
+SAME = "same pump"
+"""Test on other recordings of pumps whose faults may teach."""
+
+UNSEEN = "unseen pump"
+"""Test on held-out pumps."""
 
 ORACLE = "measured faults (oracle)"
 
@@ -46,28 +48,30 @@ METRICS = {
 }
 
 SURE = 0.8
-"""Probability from which an answer counts as sure."""
+"""Smallest probability of an answer that counts as sure."""
 
 PRIOR = "pump prior"
-"""The training set without a measured fault."""
+"""Training set without a measured fault."""
+
 SHOTS = (1, 3, 5)
-"""Measured recordings of each fault that teach it further."""
+"""Numbers of measured recordings of each fault that teach further."""
 
 
 def few_shot(count: int) -> str:
-    """Name of the training set with so many measured recordings of each fault."""
+    """Return the name of the training set with `count` measured recordings of each fault."""
     return f"{PRIOR} and {count} of each fault"
 
 
 def adapted_to(count: int, *, alone: bool = False) -> str:
-    """Name of the training set of so many healthy recordings at each point, of a pump `alone` or of
-    its fleet.
+    """Return the name of the training set with `count` healthy recordings per operating point.
+
+    They are those of a pump `alone`, or of its fleet.
     """
     return f"{PRIOR}, {count} healthy{' of the pump alone' if alone else ''}"
 
 
 def left_out(label: str) -> str:
-    """Name of the training set whose prior does not hold a class."""
+    """Return the name of the training set whose prior does not hold a class."""
     return f"{PRIOR} without {label.replace('_', ' ')}"
 
 
@@ -76,7 +80,7 @@ SPLITS = {
     f"measured faults, {SAME}": "L2",
     f"measured faults, {UNSEEN}": "L4",
 }
-"""Split of the rows, by what teaches and what tests them."""
+"""Split of the rows, by their training set and test."""
 
 _NOTES = (
     "Rows that no measured fault teaches are split L5. Rows that measured faults teach (the "
@@ -90,9 +94,9 @@ class ZeroShotSplit:
     """Recording ids by role."""
 
     pumps: tuple[str, ...]
-    """Specimens of which measured faults may teach."""
+    """Specimens whose measured faults may teach."""
     healthy: frozenset[str]
-    """Healthy recordings, of every specimen, that nothing is tested on."""
+    """Healthy recordings of every specimen that do not test."""
     faulty: frozenset[str]
     """Faulty recordings of these specimens that may teach."""
     tests: Mapping[str, frozenset[str]]
@@ -100,12 +104,17 @@ class ZeroShotSplit:
 
 
 def split_zero_shot(
-    recordings: Sequence[Recording], seed: int, held_out: int = HELD_OUT, *, most: int | None = None
+    recordings: Sequence[Recording],
+    seed: int,
+    held_out: int = HELD_OUT,
+    *,
+    max_tests: int | None = None,
 ) -> ZeroShotSplit:
-    """Recordings for training, for reference and for tests, under `seed`.
+    """Return the recordings for training, for reference and for tests, drawn by `seed`.
 
-    Of each specimen, class and pressure a third of the recordings test (at least one, `most` at
-    most); of specimens held out all the faulty ones do. A single faulty recording of a cell tests.
+    Of each specimen, class and pressure a third of the recordings test: at least one, and at most
+    `max_tests`. Of held-out specimens all faulty recordings test. If a cell has a single faulty
+    recording, it tests.
 
     Raises
     ------
@@ -113,36 +122,46 @@ def split_zero_shot(
         Too few specimens, a class that no twin simulates, or a single healthy recording of a
         specimen at a pressure.
     """
-    foreign = sorted({str(r.label) for r in recordings} - set(CLASSES))
+    foreign = sorted({str(recording.label) for recording in recordings} - set(CLASSES))
     if foreign:
         raise DataError(
-            f"the study simulates {', '.join(CLASSES)}, and no {foreign[0]!r}; leave those "
-            "recordings out."
+            f"The study cannot simulate the class {foreign[0]!r}, only {', '.join(CLASSES)}. "
+            "Exclude those recordings."
         )
+
     cells = recordings_by_cell(recordings, "the zero-shot study")
-    specimens = sorted({str(r.specimen) for r in recordings})
+    specimens = sorted({str(recording.specimen) for recording in recordings})
     if len(specimens) <= held_out:
         raise DataError(
             f"the zero-shot study needs at least {held_out + 1} specimens, {held_out} of them held "
             f"out; the recordings name {len(specimens)} ({', '.join(specimens)})."
         )
+
     rng = random_stream(seed, "zero-shot", "split")
     unseen = set(rng.permutation(specimens)[:held_out].tolist())
     healthy: set[str] = set()
     faulty: set[str] = set()
     tests: dict[str, set[str]] = {SAME: set(), UNSEEN: set()}
     for cell in cells:
-        order = [cell[i].recording_id for i in rng.permutation(len(cell))]
-        where, label = tests[UNSEEN if cell[0].specimen in unseen else SAME], cell[0].label
-        if label == "normal" and len(order) < 2:
+        order = [cell[index].recording_id for index in rng.permutation(len(cell))]
+        is_normal = cell[0].label == "normal"
+        is_unseen = cell[0].specimen in unseen
+        if is_normal and len(order) < 2:
             raise DataError(
                 f"{order[0]} is the only healthy recording of {cell[0].specimen} at its pressure; "
                 "the study needs one to learn from and one to test."
             )
-        count = min(max(1, len(order) // 3), most or len(order))
-        trained_on = order[count:] if label == "normal" or cell[0].specimen not in unseen else []
-        where |= set(order) - set(trained_on)
-        (healthy if label == "normal" else faulty).update(trained_on)
+
+        if is_unseen and not is_normal:
+            test_count = len(order)
+        else:
+            test_count = min(max(1, len(order) // 3), max_tests or len(order))
+        tests[UNSEEN if is_unseen else SAME].update(order[:test_count])
+        if is_normal:
+            healthy.update(order[test_count:])
+        else:
+            faulty.update(order[test_count:])
+
     return ZeroShotSplit(
         tuple(name for name in specimens if name not in unseen),
         frozenset(healthy),
@@ -152,67 +171,74 @@ def split_zero_shot(
 
 
 def few_healthy(healthy: Sequence[Recording], count: int, seed: int) -> list[Recording]:
-    """`count` recordings of each pump and operating point, all where there are fewer; fewer are
-    among more.
+    """Return `count` recordings of each pump and operating point, or all if there are fewer.
+
+    The recordings of a smaller `count` are among those of a larger one.
     """
-    rng, chosen = random_stream(seed, "few healthy"), []
+    rng = random_stream(seed, "few healthy")
+    selected: list[Recording] = []
     for specimen in sorted({str(recording.specimen) for recording in healthy}):
-        own = [
-            (item, item.condition)
-            for item in healthy
-            if item.specimen == specimen and item.condition
-        ]
-        for point in group_by_condition([condition for _, condition in own]):
-            chosen += [own[index][0] for index in rng.permutation(point)[:count]]
-    return chosen
+        recordings = []
+        conditions = []
+        for recording in healthy:
+            if recording.specimen == specimen and recording.condition:
+                recordings.append(recording)
+                conditions.append(recording.condition)
+
+        for indices in group_by_condition(conditions):
+            selected += [recordings[index] for index in rng.permutation(indices)[:count]]
+
+    return selected
 
 
 @dataclass(frozen=True)
 class ZeroShotSettings:
-    """What is tested on."""
+    """Recordings of the study."""
 
     rig: str = RIG_VERSION
-    """Version of the virtual rig where no recordings are given."""
+    """Version of the virtual rig, if no recordings are given."""
     healthy: tuple[int, ...] = ()
-    """Healthy recordings of a pump and operating point that the prior is adapted to, in place of
-    `HEALTHY`; then no measured fault teaches, no class is left out, and all numbers have the same
-    tests.
+    """Numbers of healthy recordings per pump and operating point that replace `HEALTHY`.
+
+    Then no measured fault teaches, no class is left out, and all numbers share the tests.
     """
 
 
 def zero_shot(
     work: Work, settings: ZeroShotSettings, recordings: Sequence[Recording] | None = None
 ) -> StudyTable:
-    """Scores on measured faults of the pump prior, which saw none, and of what measured faults
-    teach.
+    """Return scores on measured faults of the pump prior, with and without measured faults.
 
     Parameters
     ----------
-    work : each seed draws the split and the measured faults anew, and the fleet where there are no
-        `recordings`.
-    recordings : of several specimens, healthy ones at every pressure; None takes fleets of the
-        virtual rig.
+    work : each seed draws a split and measured faults, and a fleet if there are no `recordings`.
+    recordings : of several specimens, healthy ones at every pressure; fleets of the virtual rig by
+        default.
 
     Raises
     ------
     DataError
-        The recordings cannot be split so.
+        The recordings cannot be split.
     """
     fleets = work.map("fleets", _fleet, [(recordings, settings, seed) for seed in work.seeds])
-    roles = {
-        str(seed): {
+
+    trials: list[Trial] = []
+    roles: dict[str, dict[str, list[str]]] = {}
+    for seed, (fleet_trials, split, _) in zip(work.seeds, fleets, strict=True):
+        trials += fleet_trials
+        roles[str(seed)] = {
             "pumps": list(split.pumps),
             "healthy": sorted(split.healthy),
             "oracle": sorted(split.faulty),
-            **{name: sorted(ids) for name, ids in split.tests.items()},
         }
-        for seed, (_, split, _) in zip(work.seeds, fleets, strict=True)
-    }
+        for name, ids in split.tests.items():
+            roles[str(seed)][name] = sorted(ids)
+
     study = StudyTable(
         study="zero-shot",
         title="Zero-shot: faults without a measured recording",
         metrics=METRICS,
-        trials=tuple(trial for trials, *_ in fleets for trial in trials),
+        trials=tuple(trials),
         answer=(),
         settings={
             "specimens_held_out": HELD_OUT,
@@ -229,29 +255,36 @@ def zero_shot(
 def _fleet(
     recordings: Sequence[Recording] | None, settings: ZeroShotSettings, seed: int
 ) -> tuple[list[Trial], ZeroShotSplit, str]:
-    pistons, most = dict[str, int](), None
+    """Return the trials of a fleet, its split and its origin."""
+    pistons: dict[str, int] = {}
+    max_tests = None
     if recordings is None:
-        size, points = SIZES["small"], len(VERSIONS[settings.rig].speeds)
-        most = HEALTHY * points // 2
-        healthy = replace(size, repeats=max(settings.healthy, default=HEALTHY) * points + most)
+        # Each operating point needs as many healthy recordings as the prior is adapted to, and
+        # half of `HEALTHY` to test.
+        faulty_size = SIZES["small"]
+        speed_count = len(VERSIONS[settings.rig].speeds)
+        max_tests = HEALTHY * speed_count // 2
+        adapting = max(settings.healthy, default=HEALTHY) * speed_count
+        healthy_size = replace(faulty_size, repeats=adapting + max_tests)
+
         pairs = [
-            pair
-            for labels, plan in ((CLASSES[:1], healthy), (CLASSES[1:], size))
-            for pair in rig_recordings(seed, plan, labels=labels, version=settings.rig)
+            *rig_recordings(seed, healthy_size, labels=CLASSES[:1], version=settings.rig),
+            *rig_recordings(seed, faulty_size, labels=CLASSES[1:], version=settings.rig),
         ]
         recordings = [recording for recording, _ in pairs]
         if settings.rig in OTHER_DESIGNS:
             pistons = {run.specimen.name: len(run.specimen.clearances) for _, run in pairs}
-    split = split_zero_shot(recordings, seed, most=most)
+
+    split = split_zero_shot(recordings, seed, max_tests=max_tests)
     if settings.healthy:
         trials = healthy_trials(recordings, split, seed, settings.healthy, pistons)
     else:
         trials = prior_trials(recordings, split, seed, pistons=pistons)
+
     return list(trials), split, describe_origin(recordings)
 
 
 def _answer(study: StudyTable, healthy: Sequence[int]) -> tuple[str, ...]:
-    """What came out, in sentences."""
     rows = {
         (row["training_set"], row["test"]): row["recording_balanced_accuracy"]["mean"]
         for row in study.rows()
@@ -261,13 +294,16 @@ def _answer(study: StudyTable, healthy: Sequence[int]) -> tuple[str, ...]:
         means = [rows.get((training_set, test)) for test in tests]
         return " / ".join("no number" if mean is None else f"{mean:.3f}" for mean in means)
 
-    where = "Balanced accuracy by recording on the same pumps / on pumps held out"
+    score = "Balanced accuracy by recording on the same pumps / on held-out pumps"
     if healthy:
-        sets = [adapted_to(count, alone=alone) for alone in (False, True) for count in healthy]
-        return (f"{where}: {'; '.join(f'{name} {pair(name)}' for name in sets)}.",)
+        sets = [adapted_to(count) for count in healthy]
+        sets += [adapted_to(count, alone=True) for count in healthy]
+        pairs = "; ".join(f"{name} {pair(name)}" for name in sets)
+        return (f"{score}: {pairs}.",)
+
     shots = ", ".join(f"{count} of each {pair(few_shot(count))}" for count in SHOTS)
     return (
-        f"{where}: {PRIOR}, no measured fault {pair(PRIOR)}; all measured faults {pair(ORACLE)}; "
+        f"{score}: {PRIOR}, no measured fault {pair(PRIOR)}; all measured faults {pair(ORACLE)}; "
         f"the prior and measured recordings of each fault: {shots}.",
     )
 
@@ -279,62 +315,88 @@ def prior_trials(
     prior: PriorClassifier | None = None,
     pistons: Mapping[str, int] | None = None,
 ) -> Iterator[Trial]:
-    """Scores by recording, over the tests of a split.
+    """Yield the scores by recording of each training set, over the tests of a split.
 
     Parameters
     ----------
-    split : its healthy recordings are what others are compared with, its faulty ones teach.
-    seed : of the fleet; draws the measured recordings of few-shot.
+    split : its healthy recordings are the reference, its faulty ones teach.
+    seed : of the fleet; draws the measured recordings of few-shot training sets.
     prior : the shipped one by default.
-    pistons : number of pistons by specimen where they are not of the prior's design.
+    pistons : number of pistons by specimen, if they are not of the prior's design.
     """
-    by_id = {recording.recording_id: recording for recording in recordings}
-    shipped, pistons = prior or PriorClassifier.load(DESIGN), pistons or {}
+    shipped = prior or PriorClassifier.load(DESIGN)
+    pistons = pistons or {}
     classes = shipped.classes[:-1]
-    labels = {name: str(recording.label) for name, recording in by_id.items()}
-    pool = {
-        label: [name for name in sorted(split.faulty) if labels[name] == label]
-        for label in classes[1:]
-    }
-    faulty = [name for names in pool.values() for name in names]
+    by_id = {recording.recording_id: recording for recording in recordings}
+    healthy = [by_id[name] for name in sorted(split.healthy)]
+    faulty: dict[str, list[Recording]] = {label: [] for label in classes[1:]}
+    for name in sorted(split.faulty):
+        faulty[str(by_id[name].label)].append(by_id[name])
 
-    def adapted(prior: PriorClassifier, taught: Sequence[str] = ()) -> dict[str, PriorClassifier]:
-        return _adapted(prior, [by_id[name] for name in [*sorted(split.healthy), *taught]], pistons)
-
-    own = adapted(shipped)
-    classifiers = {
-        PRIOR: own,
-        **{left_out(label): adapted(_without(shipped, label)) for label in classes[1:]},
-    }
+    # The prior, priors that lack a class, and the prior with a few measured faults.
+    by_specimen = _adapt(shipped, healthy, pistons)
+    classifiers = {PRIOR: by_specimen}
+    for label in classes[1:]:
+        classifiers[left_out(label)] = _adapt(_without(shipped, label), healthy, pistons)
     rng = random_stream(seed, "few-shot")
-    draws = {label: rng.permutation(names).tolist() for label, names in pool.items() if names}
+    draws: list[list[Recording]] = []
+    for candidates in faulty.values():
+        if candidates:
+            order = rng.permutation(len(candidates))
+            draws.append([candidates[index] for index in order])
     for count in SHOTS:
-        names = [name for drawn in draws.values() for name in drawn[:count]]
-        if all(len(drawn) >= count for drawn in draws.values()) and names:
-            classifiers[few_shot(count)] = adapted(shipped, names)
+        if draws and all(len(drawn) >= count for drawn in draws):
+            shots: list[Recording] = []
+            for drawn in draws:
+                shots += drawn[:count]
+            classifiers[few_shot(count)] = _adapt(shipped, [*healthy, *shots], pistons)
+
     tests = {test: [by_id[name] for name in sorted(ids)] for test, ids in split.tests.items()}
-    for training_set, by_specimen in classifiers.items():
-        yield from _scored(training_set, by_specimen, tests, seed)
-    moves = np.concatenate(
-        [part.healthy_changes() for part in {id(part): part for part in own.values()}.values()]
+    for training_set, adapted in classifiers.items():
+        yield from _scored(training_set, adapted, tests, seed)
+
+    yield from _oracle_trials(by_specimen, faulty, tests, classes, seed)
+
+
+def _oracle_trials(
+    by_specimen: Mapping[str, PriorClassifier],
+    faulty: Mapping[str, Sequence[Recording]],
+    tests: Mapping[str, Sequence[Recording]],
+    classes: Sequence[str],
+    seed: int,
+) -> Iterator[Trial]:
+    """Yield the scores of a forest that learns from all measured faults, if there are any.
+
+    Parameters
+    ----------
+    by_specimen : adapted prior of each specimen, which measures changes from its healthy state.
+    faulty : measured faults by class.
+    """
+    # Specimens of a design share a classifier, whose healthy changes count once.
+    unique = {id(classifier): classifier for classifier in by_specimen.values()}
+    healthy_changes = np.concatenate(
+        [classifier.healthy_changes() for classifier in unique.values()]
     )
-    if faulty and len(moves):
-        changes = {
-            name: own[str(by_id[name].specimen)].change(by_id[name])[0] for name in sorted(by_id)
-        }
-        values = np.stack([*moves, *(changes[name] for name in faulty)]).reshape(
-            len(moves) + len(faulty), -1
-        )
-        rows = np.array([0] * len(moves) + [classes.index(labels[name]) for name in faulty])
-        forest = _forest(values, rows, len(classes), seed)
-        for test, tested in tests.items():
-            probability = forest(np.stack([changes[item.recording_id] for item in tested]))
-            target = np.array([classes.index(str(item.label)) for item in tested])
-            yield Trial(
-                {"training_set": ORACLE, "test": test},
-                seed,
-                recording_scores(probability, target, classes),
-            )
+    changes = list(healthy_changes)
+    targets = [0] * len(changes)
+    for label, recordings in faulty.items():
+        changes += [_measure_change(by_specimen, recording) for recording in recordings]
+        targets += [classes.index(label)] * len(recordings)
+    if len(healthy_changes) == 0 or len(changes) == len(healthy_changes):
+        return
+
+    values = np.stack(changes).reshape(len(changes), -1)
+    forest = _forest(values, np.array(targets), len(classes), seed)
+    for test, recordings in tests.items():
+        test_changes = [_measure_change(by_specimen, recording) for recording in recordings]
+        probability = forest(np.stack(test_changes))
+        target = np.array([classes.index(str(recording.label)) for recording in recordings])
+        scores = recording_scores(probability, target, classes)
+        yield Trial({"training_set": ORACLE, "test": test}, seed, scores)
+
+
+def _measure_change(by_specimen: Mapping[str, PriorClassifier], recording: Recording) -> np.ndarray:
+    return by_specimen[str(recording.specimen)].change(recording)[0]
 
 
 def healthy_trials(
@@ -344,41 +406,49 @@ def healthy_trials(
     counts: Sequence[int],
     pistons: Mapping[str, int],
 ) -> Iterator[Trial]:
-    """Scores of the shipped prior adapted to fewer healthy recordings at each point, of the fleet
-    or of a pump alone.
+    """Yield the scores of the shipped prior adapted to fewer healthy recordings.
+
+    They are those of the fleet, or of a pump alone.
 
     Parameters
     ----------
-    split, seed, pistons : as those of `prior_trials`.
-    counts : numbers of recordings.
+    split, seed, pistons : as in `prior_trials`.
+    counts : numbers of recordings per operating point.
     """
     shipped = PriorClassifier.load(DESIGN)
-    healthy = [item for item in recordings if item.recording_id in split.healthy]
-    tests = {
-        name: [item for item in recordings if item.recording_id in ids]
-        for name, ids in split.tests.items()
-    }
+    healthy = _select(recordings, split.healthy)
+    tests = {name: _select(recordings, ids) for name, ids in split.tests.items()}
+
     for alone in (False, True):
         for count in counts:
-            by_specimen = _adapted(shipped, few_healthy(healthy, count, seed), pistons, alone=alone)
+            references = few_healthy(healthy, count, seed)
+            by_specimen = _adapt(shipped, references, pistons, alone=alone)
             yield from _scored(adapted_to(count, alone=alone), by_specimen, tests, seed)
 
 
-def _adapted(
+def _select(recordings: Sequence[Recording], ids: frozenset[str]) -> list[Recording]:
+    return [recording for recording in recordings if recording.recording_id in ids]
+
+
+def _adapt(
     prior: PriorClassifier,
-    learned: Sequence[Recording],
+    recordings: Sequence[Recording],
     pistons: Mapping[str, int],
     *,
     alone: bool = False,
 ) -> dict[str, PriorClassifier]:
-    """By specimen the classifier of its design, or of it `alone`."""
-    specimens = dict.fromkeys(str(item.specimen) for item in learned)
-    group_of = {specimen: specimen if alone else pistons.get(specimen) for specimen in specimens}
+    """Return by specimen the classifier adapted to its design, or to it `alone`."""
+    specimens = dict.fromkeys(str(recording.specimen) for recording in recordings)
+    groups = {specimen: specimen if alone else pistons.get(specimen) for specimen in specimens}
+
     fitted = {}
-    for group in sorted(set(group_of.values()), key=str):
-        known = [item for item in learned if group_of[str(item.specimen)] == group]
-        fitted[group] = prior.fit(known, pistons=pistons.get(str(known[0].specimen)))
-    return {specimen: fitted[group] for specimen, group in group_of.items()}
+    for group in sorted(set(groups.values()), key=str):
+        members = [
+            recording for recording in recordings if groups[str(recording.specimen)] == group
+        ]
+        fitted[group] = prior.fit(members, pistons=pistons.get(str(members[0].specimen)))
+
+    return {specimen: fitted[group] for specimen, group in groups.items()}
 
 
 def _scored(
@@ -388,12 +458,15 @@ def _scored(
     seed: int,
 ) -> Iterator[Trial]:
     for test, recordings in tests.items():
-        answers = [by_specimen[str(item.specimen)].diagnose(item) for item in recordings]
-        probability = np.array(
-            [[answer.probabilities.get(name, 0.0) for name in CLASSES] for answer in answers]
-        )
-        unknown = np.array([answer.unknown for answer in answers])
-        target = np.array([CLASSES.index(str(item.label)) for item in recordings])
+        probability = np.zeros((len(recordings), len(CLASSES)))
+        unknown = np.zeros(len(recordings), dtype=bool)
+        for row, recording in enumerate(recordings):
+            diagnosis = by_specimen[str(recording.specimen)].diagnose(recording)
+            unknown[row] = diagnosis.unknown
+            # A prior without a class gives it no probability.
+            probability[row] = [diagnosis.probabilities.get(name, 0.0) for name in CLASSES]
+
+        target = np.array([CLASSES.index(str(recording.label)) for recording in recordings])
         factors = {"training_set": training_set, "test": test}
         yield Trial(factors, seed, recording_scores(probability, target, CLASSES, unknown))
 
@@ -401,7 +474,10 @@ def _scored(
 def _forest(
     values: np.ndarray, target: np.ndarray, n_classes: int, seed: int
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Random forest, classes weighted alike; a class without a row has no probability."""
+    """Return the probabilities of a random forest with equally weighted classes.
+
+    A class without a row has no probability.
+    """
     from sklearn.ensemble import RandomForestClassifier
 
     forest = RandomForestClassifier(
@@ -419,17 +495,21 @@ def _forest(
 
 
 def _without(prior: PriorClassifier, label: str) -> PriorClassifier:
-    """The prior without the virtual recordings of a class, which is then none of its classes."""
-    virtual, index = prior.virtual, prior.classes.index(label)
+    """Return the prior without a class and its virtual recordings."""
+    virtual = prior.virtual
     assert virtual is not None
-    kept = virtual.target != index
-    target = virtual.target[kept] - (virtual.target[kept] > index)
+    index = prior.classes.index(label)
+
+    # Indices of the classes after the removed one move down by one.
+    is_other = virtual.target != index
+    target = virtual.target[is_other]
+    target = target - (target > index)
     virtual = replace(
-        virtual, change=virtual.change[kept], target=target, number=virtual.number[kept]
+        virtual, change=virtual.change[is_other], target=target, number=virtual.number[is_other]
     )
-    return replace(
-        prior, virtual=virtual, classes=tuple(name for name in prior.classes if name != label)
-    )
+    classes = tuple(name for name in prior.classes if name != label)
+
+    return replace(prior, virtual=virtual, classes=classes)
 
 
 def recording_scores(
@@ -438,32 +518,36 @@ def recording_scores(
     classes: Sequence[str],
     unknown: np.ndarray | None = None,
 ) -> Mapping[str, float]:
-    """Scores of the likeliest class by recording; the first class is the healthy one.
+    """Return the scores of the likeliest class by recording.
 
     Parameters
     ----------
-    unknown : whether each was called unknown, which counts as not sure; None where nothing says so.
+    target : index of the true class of each recording.
+    classes : the first one is the healthy one.
+    unknown : whether each recording was called unknown, which counts as not sure; `None` if the
+        classifier has no such answer.
     """
-    predicted = probability.argmax(axis=1)
-    doubt = np.zeros(len(target), dtype=bool) if unknown is None else unknown
-    of_class = {name: target == index for index, name in enumerate(classes)}
+    is_right = probability.argmax(axis=1) == target
+    is_sure = probability.max(axis=1) >= SURE
+    if unknown is not None:
+        is_sure = is_sure & ~unknown
 
-    def share(hit: np.ndarray, mask: np.ndarray) -> float:
-        return float(np.mean(hit[mask])) if mask.any() else float("nan")
+    def share(hits: np.ndarray, mask: np.ndarray) -> float:
+        return float(np.mean(hits[mask])) if mask.any() else float("nan")
 
-    recalls = {name: share(predicted == target, mask) for name, mask in of_class.items()}
-    return {
+    masks = {name: target == index for index, name in enumerate(classes)}
+    recalls = {name: share(is_right, mask) for name, mask in masks.items()}
+    scores = {
         "recording_balanced_accuracy": float(np.nanmean(list(recalls.values()))),
-        "recording_accuracy": float(np.mean(predicted == target)),
-        "sure_and_wrong": float(
-            np.mean((predicted != target) & (probability.max(axis=1) >= SURE) & ~doubt)
-        ),
-        "unknown": float("nan") if unknown is None else float(np.mean(doubt)),
+        "recording_accuracy": float(np.mean(is_right)),
+        "sure_and_wrong": float(np.mean(~is_right & is_sure)),
+        "unknown": float("nan") if unknown is None else float(np.mean(unknown)),
         "false_alarm_rate": 1 - recalls[classes[0]],
-        **{f"recall_{name}": recall for name, recall in recalls.items()},
-        **{
-            f"unknown_{name}": share(doubt, mask)
-            for name, mask in of_class.items()
-            if unknown is not None
-        },
     }
+    for name, recall in recalls.items():
+        scores[f"recall_{name}"] = recall
+    if unknown is not None:
+        for name, mask in masks.items():
+            scores[f"unknown_{name}"] = share(unknown, mask)
+
+    return scores

@@ -339,22 +339,8 @@ def draw_spectrum_over_healthy(
             color=LIGHT,
             label="range of healthy recordings",
         )
-        panel.stairs(
-            healthy_median[row],
-            edges,
-            color=MEASURED,
-            linewidth=0.9,
-            baseline=None,
-            label="their median",
-        )
-        panel.stairs(
-            spectrum.level[row],
-            edges,
-            color=CALIBRATED,
-            linewidth=1.5,
-            baseline=None,
-            label="this recording",
-        )
+        _draw_steps(panel, edges, healthy_median[row], "their median", MEASURED, 0.9)
+        _draw_steps(panel, edges, spectrum.level[row], "this recording", CALIBRATED, 1.5)
         panel.set_title(format_label(name), loc="left")
 
     axis_start = min(max(_MIN_AXIS_START_HZ, 0.7 * (facts.shaft or 0.0)), edges[-2])
@@ -389,6 +375,13 @@ def draw_spectrum_over_healthy(
         caption=caption,
         description=spectrum.sentence(),
     )
+
+
+def _draw_steps(
+    panel: Axes, edges: np.ndarray, level: np.ndarray, label: str, color: str, linewidth: float
+) -> None:
+    """Draw the level of each band between its edges, without lines down to the axis."""
+    panel.stairs(level, edges, color=color, linewidth=linewidth, baseline=None, label=label)
 
 
 def _mark_piston_pass(panel: Axes, piston_pass: float) -> None:

@@ -71,7 +71,7 @@ def test_a_new_pump_of_a_nameplate_is_a_start(client, folder: Path) -> None:
     assert made["start"] in made["starts"]
     assert lines(client, start="a45.toml", recording="")["pistons"] == 9
     assert (
-        "exists already"
+        "already exists"
         in send(client, "/api/twin_pump", {"name": "a45", "plate": plate}).json()["detail"]
     )
     assert send(client, "/api/twin_pump", {"name": "../b", "plate": plate}).status_code == 422
@@ -105,7 +105,7 @@ def test_a_calibration_is_stopped_then_finished_saved_and_used(client, folder: P
     assert shown["measured"]["error"] < lines(client)["measured"]["error"]
     assert send(client, "/api/twin_save", {"name": "mine"}).json() == {"file": "mine.json"}
     assert len(load_calibration(folder / "mine.json").recording_ids) == 2
-    assert "exists already" in send(client, "/api/twin_save", {"name": "mine"}).json()["detail"]
+    assert "already exists" in send(client, "/api/twin_save", {"name": "mine"}).json()["detail"]
     made = {
         "setting": {**SETTING, "start": "mine.json", "fault": "piston"},
         "name": "worn",

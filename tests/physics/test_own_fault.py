@@ -125,7 +125,7 @@ def test_a_twin_with_an_own_fault_is_saved_and_loaded(
     assert twin_from_dict(table).fault == twin.fault
     table["fault"]["kind"] = "Unheard"
     with pytest.raises(
-        InputError, match=r"no fault of the type Unheard is registered.*register_fault"
+        InputError, match=r"No fault of the type Unheard is registered.*register_fault"
     ):
         twin_from_dict(table)
 
@@ -149,13 +149,13 @@ def test_the_severity_of_an_own_fault_is_estimated(pump: Pump, at_15: OperatingC
         (
             "piston",
             CrackedPlate(1e-12),
-            r"piston \(CrackedPlate\) is taken by piston \(PistonWear\); rename it",
+            r"piston \(CrackedPlate\) is already registered as piston \(PistonWear\); rename it",
         ),
-        ("normal", CrackedPlate(1e-12), "is taken by normal"),
+        ("normal", CrackedPlate(1e-12), "is already registered as normal"),
         (
             "other",
             type("Fault2", (Fault,), {})(),
-            "Fault2 is no fault: derive a frozen dataclass from Fault",
+            "Fault2 is not a fault: derive a frozen dataclass from Fault",
         ),
     ],
 )

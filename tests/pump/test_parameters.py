@@ -141,9 +141,9 @@ def test_any_pump_comes_back_from_its_file_as_it_was(
          r"valve_plate.suction_close \(3.107\) must be below discharge_open \(2.967\)"),
         ('^name = "cover_z"$', "", DataError, r"sensors\[0\] lacks name"),
         (r"direction = \[0, 1, 0\]", 'direction = ["0", "1", "0"]', DataError, "must be bare numbers: it has no unit"),
-        (r"direction = \[0, 1, 0\]", "direction = [0, 0, 0]", DataError, r"sensors\[1\].direction .* has no length"),
+        (r"direction = \[0, 1, 0\]", "direction = [0, 0, 0]", DataError, r"sensors\[1\].direction .* must be finite"),
         (r'\["0 mm", "80 mm", "50 mm"\]', '"80 mm"', DataError, r"sensors\[1\].position = '80 mm' must be a list of"),
-        ('"body_y"', '"cover_z"', DataError, r"sensors\[1\]: another sensor is named 'cover_z' already"),
+        ('"body_y"', '"cover_z"', DataError, r"sensors\[1\]: another sensor is already named 'cover_z'"),
         (r"^(\[\[sensors\]\]\n(.+\n)+\n*)+", "", DataError, r"no \[\[sensors\]\]; give at least one"),
     ],
 )  # fmt: skip
@@ -161,7 +161,7 @@ def test_a_wrong_file_is_refused_in_one_line_that_names_file_entry_and_remedy(
 def test_an_unknown_pump_is_answered_with_those_there_are() -> None:
     with pytest.raises(
         MissingFileError,
-        match=r"no pump named '25scy'; there are 25scy14-1b, 25scy14-1b-13, or give",
+        match=r"Unknown pump '25scy': must be one of 25scy14-1b, 25scy14-1b-13, or a",
     ):
         load_pump("25scy")
 
@@ -174,9 +174,7 @@ def test_a_file_takes_what_it_lacks_from_the_pump_it_is_like(pump: Pump, tmp_pat
     assert replace(mine, name=pump.name, sensors=pump.sensors) == pump
     assert mine.sources["sensors[0].position"] == "s"
     assert mine.sources["masses.shell"] == pump.sources["masses.shell"]
-    with pytest.raises(
-        DataError, match=r"like = 'other' is none of swashtwin's pumps: 25scy14-1b,"
-    ):
+    with pytest.raises(DataError, match=r"like = 'other' must be one of 25scy14-1b,"):
         load_pump(save(tmp_path, 'format = 1\nlike = "other"'))
 
 
@@ -194,7 +192,7 @@ def test_a_new_pump_is_its_model_under_another_name(pump: Pump, tmp_path: Path) 
 def test_a_new_pump_overwrites_nothing(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("precious")
     with pytest.raises(
-        InputError, match=r"mine\.toml exists already; choose another name or remove it"
+        InputError, match=r"mine\.toml already exists; choose another name or remove it"
     ):
         new_pump("mine", folder=tmp_path)
     assert (tmp_path / "mine.toml").read_text() == "precious"
@@ -203,7 +201,7 @@ def test_a_new_pump_overwrites_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["", "a/b", "../a", "a b", 'a"b', ".hidden", "a\n"])
 def test_a_name_that_is_none_for_a_file_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match="cannot name a pump; use letters, digits"):
+    with pytest.raises(InputError, match=r"Invalid pump name .*: use letters, digits"):
         new_pump(name, folder=tmp_path)
     assert os.listdir(tmp_path) == []
 

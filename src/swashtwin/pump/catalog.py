@@ -29,8 +29,9 @@ from swashtwin.pump.nameplate import Nameplate, scaled_pump
 from swashtwin.pump.parameters import Bearings, Positions, Pump, Rated, Sensor, pump_text
 
 FORMAT = 1
+"""Version of the pump files that this version reads and writes."""
 
-# Tables that every pump file has, and what each holds.
+# Type of each table that every pump file has.
 _SECTIONS: dict[str, type] = {
     name: kind
     for name, kind in get_type_hints(Pump).items()
@@ -38,15 +39,17 @@ _SECTIONS: dict[str, type] = {
 }
 
 MAY_BE_ZERO = ("piston_eccentricity", "air_fraction", "rotor_eccentricity")
+"""Numbers for which zero is a possible pump; every other must be positive."""
 
 
-def _require_names(table: dict[str, Any], names: tuple[str, ...], where: str) -> None:
+def _require_names(table: dict[str, Any], names: tuple[str, ...], path: str) -> None:
+    """Raise an error if a table has an entry that is not one of `names`."""
     for name in table:
         if name not in names:
-            near = difflib.get_close_matches(name, names, 1)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
+            matches = difflib.get_close_matches(name, names, 1)
+            hint = f" Did you mean {matches[0]!r}?" if matches else ""
             raise DataError(
-                f"{where} has an unknown entry {name!r}; the entries are {', '.join(names)}.{hint}"
+                f"{path} has an unknown entry {name!r}; the entries are {', '.join(names)}.{hint}"
             )
 
 
@@ -61,13 +64,15 @@ def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
     for name, part_field in part_fields.items():
         field_path = f"{path}.{name}"
         if is_dataclass(part_field.type):
-            values[name] = _section(part_field.type, table.get(name), field_path, sources)  # type: ignore[arg-type]
+            part_type: Any = part_field.type
+            values[name] = _section(part_type, table.get(name), field_path, sources)
             continue
 
         unit = part_field.metadata["unit"]
         if name not in table:
             raise DataError(f"[{path}] lacks {name} (unit {unit}).")
         values[name] = _quantity(table[name], unit, field_path, part_field.type, sources)
+        # Positions have a sign: the origin lies within the pump.
         is_position = (kind, name) == (Bearings, "positions") or kind is Positions
         if not is_position:
             _require_positive(values[name], name, field_path, unit)
@@ -75,7 +80,7 @@ def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
 
 
 def _require_positive(value: Any, name: str, path: str, unit: str) -> None:
-    """Refuse a number, or one of a list, that is negative, or zero and must not be."""
+    """Raise an error if a number, or one of a list, is negative, or zero and must not be."""
     for number in value if isinstance(value, tuple) else (value,):
         if number < 0 or (number == 0 and name not in MAY_BE_ZERO):
             raise InputError(f"{path} ({number:g} {unit}) must be positive.")
@@ -122,8 +127,8 @@ def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
     sensors: list[Sensor] = []
     for number, table in enumerate(tables):
         sensor = _sensor(table, f"sensors[{number}]", sources)
-        if any(sensor.name == other.name for other in sensors):
-            raise DataError(f"sensors[{number}]: another sensor is named {sensor.name!r} already.")
+        if sensor.name in {previous.name for previous in sensors}:
+            raise DataError(f"sensors[{number}]: another sensor is already named {sensor.name!r}.")
         sensors.append(sensor)
     return tuple(sensors)
 
@@ -143,60 +148,60 @@ def _sensor(table: dict[str, Any], path: str, sources: dict[str, str]) -> Sensor
 
     length = math.hypot(*direction)
     if not (math.isfinite(length) and length > 0):
-        raise DataError(f"{path}.direction = {direction!r} has no length that can be made 1.")
+        raise DataError(
+            f"{path}.direction = {direction!r} must be finite, and not zero in all components."
+        )
     x, y, z = (component / length for component in direction)
     return Sensor(str(table["name"]), position, (x, y, z))
 
 
 def available_pumps() -> tuple[str, ...]:
-    """Names of the pumps that come with swashtwin."""
+    """Return the names of the pumps that come with swashtwin."""
     folder = resources.files("swashtwin.pump") / "pumps"
-    return tuple(
-        sorted(
-            entry.name.removesuffix(".toml")
-            for entry in folder.iterdir()
-            if entry.name.endswith(".toml")
-        )
-    )
+    names = [entry.name for entry in folder.iterdir() if entry.name.endswith(".toml")]
+    return tuple(sorted(name.removesuffix(".toml") for name in names))
 
 
-def _text_of(name: str | Path) -> tuple[str, str]:
+def _read_text(name: str | Path) -> tuple[str, str]:
+    """Return the text of a pump file, or of a pump that comes with swashtwin, and its file name."""
     path = as_path(name)
     if path.suffix == ".toml":
         if not path.is_file():
             raise MissingFileError(f"{path}: no such pump file.")
         return read_text(path), str(path)
+
     if str(name) not in available_pumps():
-        names = ", ".join(available_pumps())
         raise MissingFileError(
-            f"no pump named {str(name)!r}; there are {names}, or give a .toml file."
+            f"Unknown pump {str(name)!r}: must be one of {', '.join(available_pumps())}, "
+            "or a .toml file."
         )
-    return (resources.files("swashtwin.pump") / "pumps" / f"{name}.toml").read_text(
-        encoding="utf-8"
-    ), f"{name}.toml"
+    resource = resources.files("swashtwin.pump") / "pumps" / f"{name}.toml"
+    return resource.read_text(encoding="utf-8"), f"{name}.toml"
 
 
-def _table_of(text: str) -> dict[str, Any]:
-    """Tables of a pump file; those that it lacks are of the pump that it is ``like``."""
-    table = tomllib.loads(text)
-    if table.get("format") != FORMAT:
-        raise DataError(f"format is {table.get('format')!r}; this version reads format = {FORMAT}.")
-    if "like" not in table:
-        return table
-    if (like := table.pop("like")) not in available_pumps():
+def _read_tables(text: str) -> dict[str, Any]:
+    """Return the tables of a pump file, completed by those of the pump that it is ``like``."""
+    tables = tomllib.loads(text)
+    if tables.get("format") != FORMAT:
         raise DataError(
-            f"like = {like!r} is none of swashtwin's pumps: {', '.join(available_pumps())}."
+            f"format is {tables.get('format')!r}; this version reads format = {FORMAT}."
         )
-    original = _table_of(_text_of(like)[0])
+    if "like" not in tables:
+        return tables
+
+    like = tables.pop("like")
+    if like not in available_pumps():
+        raise DataError(f"like = {like!r} must be one of {', '.join(available_pumps())}.")
+    original = _read_tables(_read_text(like)[0])
+    # A file without a name gets that of the file, never that of the original.
     del original["name"]
-    return {**original, **table}
+    return {**original, **tables}
 
 
 def load_pump(name: str | Path) -> Pump:
-    """Pump of that name, or from that ``.toml`` file.
+    """Return a pump that comes with swashtwin, by its name, or the pump of a ``.toml`` file.
 
-    A file with ``like = "25scy14-1b"`` takes from that pump every table that it does not have
-    itself.
+    A file with ``like = "25scy14-1b"`` takes the tables that it lacks from that pump.
 
     Raises
     ------
@@ -210,27 +215,35 @@ def load_pump(name: str | Path) -> Pump:
     >>> round(pump.rotating_group.displacement * 1e6, 2)
     24.94
     """
-    text, origin = _text_of(name)
-    sources: dict[str, str] = {}
+    text, origin = _read_text(name)
     try:
-        table = _table_of(text)
-        _require_names(table, ("format", "name", *_SECTIONS, "sensors", "rated"), "the pump")
-        parts = {
-            key: _section(kind, table.get(key), key, sources) for key, kind in _SECTIONS.items()
-        }
-        pump = Pump(
-            name=str(table.get("name", Path(origin).stem)),
-            sensors=_sensors(table.get("sensors"), sources),
-            rated=_section(Rated, table["rated"], "rated", sources) if "rated" in table else None,
-            sources=sources,
-            **parts,
-        )
+        pump = _build_pump(_read_tables(text), Path(origin).stem)
         require_sound_geometry(pump)
         return pump
     except tomllib.TOMLDecodeError as cause:
         raise DataError(f"{origin}: not valid TOML: {cause}.") from cause
     except (DataError, UnitError, InputError) as cause:
         raise cause.with_context(f"{origin}: ") from cause
+
+
+def _build_pump(tables: dict[str, Any], default_name: str) -> Pump:
+    """Return the pump of the tables of a file, with the source of each number."""
+    _require_names(tables, ("format", "name", *_SECTIONS, "sensors", "rated"), "the pump")
+    sources: dict[str, str] = {}
+    sections = {
+        key: _section(kind, tables.get(key), key, sources) for key, kind in _SECTIONS.items()
+    }
+    sensors = _sensors(tables.get("sensors"), sources)
+    rated = None
+    if "rated" in tables:
+        rated = _section(Rated, tables["rated"], "rated", sources)
+    return Pump(
+        name=str(tables.get("name", default_name)),
+        sensors=sensors,
+        rated=rated,
+        sources=sources,
+        **sections,
+    )
 
 
 def new_pump(
@@ -240,36 +253,42 @@ def new_pump(
     nameplate: Nameplate | None = None,
     folder: Path = Path(),
 ) -> Path:
-    """Path of a new pump file, to be edited: a commented copy of pump `like`, or that pump scaled
-    to a nameplate.
+    """Write a new pump file to be edited, and return its path.
+
+    It is a commented copy of pump `like`, or that pump scaled to a nameplate.
 
     Parameters
     ----------
-    nameplate : displacement, number of pistons, rated speed and pressure; the new pump is similar
-        to `like` (`scaled_pump`), and the source of each number says whether it is the nameplate's,
-        scaled, or a guess.
+    nameplate : displacement, number of pistons, rated speed and pressure. The new pump is similar
+        to `like` (`scaled_pump`), and the source of each number states whether it is from the
+        nameplate, scaled, or a guess.
 
     Raises
     ------
     InputError
-        The file exists already (nothing is overwritten), the name is none for a file, or the parts
-        of the scaled pump do not fit each other.
+        The file exists (nothing is overwritten), the name is not a file name, or the parts of the
+        scaled pump do not fit each other.
     DataError, UnitError
         Pump `like` is damaged.
     """
     if not re.fullmatch(r"\w[\w.-]*", name) or safe_file_name(name) != name:
-        raise InputError(f"{name!r} cannot name a pump; use letters, digits, '-', '_' and '.'.")
+        raise InputError(f"Invalid pump name {name!r}: use letters, digits, '-', '_' and '.'.")
     original = load_pump(like)
-    text, origin = _text_of(like)
     target = Path(folder) / f"{name}.toml"
     if target.exists():
-        raise InputError(f"{target} exists already; choose another name or remove it.")
+        raise InputError(f"{target} already exists; choose another name or remove it.")
+
     if nameplate is not None:
         comment = (
-            f"Scaled from {original.name} to a nameplate, by similarity (docs/how-to/recordings.md, another pump).\n"
-            "Each source begins with nameplate, scaled (with its law) or guess. Replace guesses by what you know."
+            f"Scaled from {original.name} to a nameplate, by similarity "
+            "(docs/how-to/recordings.md, another pump).\n"
+            "Each source begins with nameplate, scaled (with its law) or guess. "
+            "Replace guesses by what you know."
         )
         return write_text(target, pump_text(scaled_pump(original, nameplate, name), comment))
+
+    # The text is copied, not written anew from the numbers, so that its comments stay.
+    text, origin = _read_text(like)
     head, mark, tables = text.partition("\n[")
     head = re.sub(r"(?m)^name\s*=.*\n?", "", head)
     comment = f"# Copied from {origin}; edit the values and their sources.\n"

@@ -1,10 +1,10 @@
-"""Why a pump is not normal: the fault classes, and faults with dimensions.
+"""Faults of a pump that the model can simulate, with their dimensions.
 
-A *class* is what a classifier names; a *fault* is what the model can simulate. Several faults share
-a class. Each fault is a frozen dataclass whose first field is its severity, so that `scaled` can
-spread it. How each acts on the pump is written in `physics`, one registry for each effect;
-CONTRIBUTING.md, "Add a fault", names them all. Severities follow our own derivation,
-`docs/explanation/physics.md`, and the anchors cited there; the swash plate defect is the paper's
+A *class* is a label of a classifier; a *fault* is something that the model can simulate. Several
+faults share a class. Each fault is a frozen dataclass whose first field is its severity, which
+`scaled` multiplies. Its effects on the pump are defined in `physics`, in one registry for each kind
+of effect; CONTRIBUTING.md, "Add a fault", lists them. Severities follow our derivation,
+`docs/explanation/physics.md`, and the sources cited there; the swash plate defect is the paper's
 (DOI 10.1177/00202940261419020).
 """
 
@@ -23,38 +23,42 @@ _F = TypeVar("_F", bound="Fault")
 
 @dataclass(frozen=True)
 class Fault:
-    """Anything that the model can simulate as wrong with a pump; the base of all faults.
+    """Base class of all faults that the model can simulate.
 
-    A new fault is a frozen dataclass derived from this one, made known by `register_fault`. A field
-    with a dimension has its SI unit in its metadata, ``field(metadata={"unit": "m"})``.
+    A new fault is a frozen dataclass derived from this one and registered by `register_fault`. The
+    metadata of a field with a dimension hold its SI unit, ``field(metadata={"unit": "m"})``.
     """
 
     label: ClassVar[str]
-    """Class that a classifier names it by."""
+    """Class of the fault."""
 
     def __post_init__(self) -> None:
-        kind = type(self).__name__
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, float | int) and not (math.isfinite(value) and value >= 0):
-                raise InputError(
-                    f"{kind}.{item.name} ({value:g}) must be zero or a positive number."
-                )
-            choices = get_args(item.type) if get_origin(item.type) is Literal else ()
+        for dimension in fields(self):
+            name = f"{type(self).__name__}.{dimension.name}"
+            value = getattr(self, dimension.name)
+            is_number = isinstance(value, float | int)
+            if is_number and not (math.isfinite(value) and value >= 0):
+                raise InputError(f"{name} ({value:g}) must be zero or a positive number.")
+
+            choices = get_args(dimension.type) if get_origin(dimension.type) is Literal else ()
             if choices and value not in choices:
-                words = ", ".join(choices)
-                raise InputError(f"{kind}.{item.name} ({value!r}) must be one of {words}.")
-            if "longest" in item.metadata and value > item.metadata["longest"]:
+                raise InputError(f"{name} ({value!r}) must be one of {', '.join(choices)}.")
+
+            # Catches millimeters given as meters, the likely slip.
+            maximum = dimension.metadata.get("maximum", math.inf)
+            if is_number and value > maximum:
                 raise InputError(
-                    f"{kind}.{item.name} ({value:g} m) exceeds {item.metadata['longest']:g} m. "
+                    f"{name} ({value:g} m) exceeds {maximum:g} m. "
                     "Lengths are in meters: 30 mm is mm(30)."
                 )
 
     @property
     def units(self) -> Mapping[str, str]:
-        """SI unit of each dimension that is no pure number."""
+        """SI unit of each dimension that has one."""
         return {
-            item.name: item.metadata["unit"] for item in fields(self) if "unit" in item.metadata
+            dimension.name: dimension.metadata["unit"]
+            for dimension in fields(self)
+            if "unit" in dimension.metadata
         }
 
     @property
@@ -63,72 +67,76 @@ class Fault:
         return float(getattr(self, fields(self)[0].name))
 
     def scaled(self: _F, factor: float) -> _F:
-        """The same fault with its severity times `factor`."""
+        """Return the fault with its severity times `factor`."""
         changes: dict[str, Any] = {fields(self)[0].name: self.severity * factor}
         return replace(self, **changes)
 
 
-def _dimension(unit: str, default: Any = MISSING, **longest: float) -> Any:
-    return field(default=default, metadata={"unit": unit, **longest})
+def _dimension(unit: str, default: Any = MISSING, *, maximum: float = math.inf) -> Any:
+    """Return a field with an SI unit and the largest value that is not a slip of the unit."""
+    return field(default=default, metadata={"unit": unit, "maximum": maximum})
 
 
 SHARED_DEPTH = mm(0.1)
-"""Depth [m] of a recess up to which the films of the linear law are believed: at 0.07 mm one-sided
-films give lines within 7 to 12 %, at the paper's 0.6 mm they would have to pull with ten times what
-holds the slippers down (docs/explanation/physics.md, section 2.5).
+"""Depth [m] of a recess up to which the linear law of the films is used by default.
+
+At 0.07 mm one-sided films give lines within 7 to 12 %; at the paper's 0.6 mm films would have to
+pull with ten times the force that holds the slippers down (docs/explanation/physics.md, section
+2.5).
 """
 
 
 @dataclass(frozen=True)
 class SwashPlateDefect(Fault):
-    """Rectangular recess in the swash plate's running surface, on the slippers' track (the paper's
-    artificial defect).
+    """Rectangular recess in the swash plate, on the slippers' track: the paper's artificial defect.
 
-    A slipper wider than the recess bridges it: `effective_depth` then falls below `depth` (an
-    extrapolation of ours).
+    A slipper wider than the recess bridges it: `effective_depth` then falls below `depth` (our
+    extrapolation).
     """
 
     label: ClassVar[str] = "swash_plate"
 
-    depth: float = _dimension("m", longest=0.02)
+    depth: float = _dimension("m", maximum=0.02)
     """Depth [m]; the paper's is 0.6 mm."""
-    length: float = _dimension("m", 0.030, longest=0.3)
+    length: float = _dimension("m", 0.030, maximum=0.3)
     """Length along the track [m]; the paper's by default."""
-    width: float = _dimension("m", 0.024, longest=0.3)
+    width: float = _dimension("m", 0.024, maximum=0.3)
     """Width across the track [m]; the paper's by default."""
     angle: float = _dimension("rad", math.radians(270))
     """Shaft angle of its middle, from top dead center [rad]; 180-360 deg is the pressure side."""
     entry: Literal["center", "edge"] = "center"
-    """Where the paper's distances l1...l3 start: at the slipper's ``center`` (its word) or leading
-    ``edge`` (ours).
+    """Start of the paper's distances l1...l3: the slipper's ``center`` (the paper's word) or its
+    leading ``edge`` (ours).
     """
     edge: Literal["half_sine", "raised_cosine"] = "half_sine"
-    """Rise and fall: the paper's half-sine (its velocity jumps) or a raised cosine (it does
-    not).
+    """Shape of entry and exit: the paper's half-sine, whose velocity jumps, or a raised cosine,
+    whose velocity is continuous.
     """
     contact: Literal["shared", "literal", "physical", "lift_off"] = "shared"
-    """What one slipper's displacement loads: its own share of the total stiffness (``shared``), all
-    of it (``literal``, the paper's formula as printed), or only inertia, volume and leakage, for a
-    film cannot pull (``physical``); with ``lift_off`` slippers also leave the plate where it falls
-    away too fast for them, and land with an impact.
+    """Load of one slipper's displacement on the pump.
+
+    - ``shared``: one slipper's share of the total stiffness and damping;
+    - ``literal``: all of it, the paper's formula as printed;
+    - ``physical``: only inertia, volume and leakage, because a film cannot pull;
+    - ``lift_off``: as physical; slippers also leave the plate if it falls away faster than they
+      can follow, and land with an impact.
     """
     gain: float = 1.0
-    """Factor on the excitation; a nuisance that calibration may free."""
+    """Factor on the excitation; a nuisance parameter that calibration may free."""
     off_axis: bool = True
-    """Whether the force acts where the defect is, with its moment, rather than on the shaft's axis
-    (our reading).
+    """Apply the force at the defect, with its moment, rather than on the shaft's axis (our
+    reading).
     """
     corner: float = _dimension("Hz", 0.0)
-    """Frequency [Hz] at which slippers follow half of it, 2^-(f / corner)^fall. With 0 it is the
-    law's own: they follow all of it where films are strained, else up to
+    """Frequency [Hz] at which slippers follow half of the recess, 2^-(f / corner)^fall.
+
+    With 0 they follow all of it if films are strained, and otherwise up to
     `physics.excitation.CONTACT_CUTOFF`.
     """
     fall: float = 2.0
-    """How steeply they follow less around the corner."""
+    """Steepness of the fall around the corner."""
     leakage: float = 1.0
-    """Factor on the leakage that a slipper opens where it does not seal; acts where films are not
-    strained.
-    """
+    """Factor on the leakage of a slipper in the recess; without effect if films are strained."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -136,81 +144,76 @@ class SwashPlateDefect(Fault):
             raise InputError("SwashPlateDefect.length and width must be positive.")
 
     def with_fitting_contact(self) -> "SwashPlateDefect":
-        """The same recess with the law that suits its depth: ``shared`` up to `SHARED_DEPTH`,
-        ``lift_off`` beyond.
+        """Return the recess with the contact law that suits its depth.
+
+        ``shared`` up to `SHARED_DEPTH`, ``lift_off`` beyond.
         """
         return replace(self, contact="shared" if self.depth <= SHARED_DEPTH else "lift_off")
 
     @property
     def strains_films(self) -> bool:
-        """Whether the films are strained, and may be made to pull: ``shared`` and ``literal``."""
+        """Whether the law strains the films, which then may pull: ``shared`` and ``literal``."""
         return self.contact in ("shared", "literal")
 
     def effective_depth(self, slipper_diameter: float) -> float:
-        """Depth a rigid slipper reaches [m]: all of it where the recess is longer and wider than
-        the slipper.
+        """Return the depth [m] that a rigid slipper reaches.
+
+        It is the whole depth if the recess is longer and wider than the slipper.
         """
-        along, across = (
-            min(1.0, self.length / slipper_diameter),
-            min(1.0, self.width / slipper_diameter),
-        )
+        along = min(1.0, self.length / slipper_diameter)
+        across = min(1.0, self.width / slipper_diameter)
         return self.depth * along**2 * across**2
 
 
 @dataclass(frozen=True)
 class PistonWear(Fault):
-    """One piston worn in its bore: its radial clearance is larger, so its chamber leaks once per
-    revolution.
-    """
+    """One piston worn in its bore, whose larger clearance leaks once per revolution."""
 
     label: ClassVar[str] = "piston"
 
-    clearance: float = _dimension("m", longest=0.002)
+    clearance: float = _dimension("m", maximum=0.002)
     """Added radial clearance [m]; 25...60 um is moderate to severe."""
     piston: int = 0
-    """Which piston, from 0."""
+    """Index of the piston, from 0."""
 
 
 @dataclass(frozen=True)
 class BoreDefect(Fault):
-    """Local defect of the bush in one cylinder bore, loaded once per revolution by the piston's
-    side force.
+    """Local defect of the bush in one cylinder bore.
 
-    Source of the mechanism: the cylinder-defect paper cited in `docs/explanation/physics.md`,
-    section 1, no. 2.
+    The piston's side force loads it once per revolution. Source of the mechanism: the
+    cylinder-defect paper cited in `docs/explanation/physics.md`, section 1, no. 2.
     """
 
     label: ClassVar[str] = "cylinder_block"
 
-    depth: float = _dimension("m", longest=0.02)
+    depth: float = _dimension("m", maximum=0.02)
     """Depth [m]; 50...300 um."""
     half_width: float = _dimension("rad", math.radians(25))
-    """Half of the shaft angle over which it is felt [rad]."""
+    """Half of the shaft angle over which the piston is displaced [rad]."""
     angle: float = _dimension("rad", math.radians(270))
     """Shaft angle of the bore at which it is loaded most [rad]."""
     bore: int = 0
-    """Which bore, from 0."""
+    """Index of the bore, from 0."""
 
 
 @dataclass(frozen=True)
 class SealingLandScratch(Fault):
-    """Scratch through the cylinder block's sealing land at one bore: that chamber leaks to the
-    case.
-    """
+    """Scratch through the cylinder block's sealing land, by which one chamber leaks to the case."""
 
     label: ClassVar[str] = "cylinder_block"
 
     conductance: float = _dimension("m^3/(s*Pa)")
     """Added leakage conductance [m^3/(s Pa)]; 6e-13...2.5e-12."""
     bore: int = 0
-    """Which bore, from 0."""
+    """Index of the bore, from 0."""
 
 
 @dataclass(frozen=True)
 class TiltedBlockFace(Fault):
-    """Cylinder block face worn out of square: the valve plate film's stiffness varies around it and
-    turns.
+    """Cylinder block face worn out of square.
 
+    The stiffness of the valve plate's film varies around the face and turns with the block:
     K_v(theta) = K_v (1 + eps cos(theta - omega t)) couples the axial and the tilting motion
     periodically (`fault_forcing.turning_terms`).
     """
@@ -224,28 +227,28 @@ class TiltedBlockFace(Fault):
         super().__post_init__()
         if self.variation >= 1:
             raise InputError(
-                f"TiltedBlockFace.variation ({self.variation:g}) must be below 1: a film cannot pull."
+                f"TiltedBlockFace.variation ({self.variation:g}) must be below 1: "
+                "a film cannot pull."
             )
 
 
 @dataclass(frozen=True)
 class ValvePlateWear(Fault):
-    """Even wear of the valve plate: its film is thicker, leaks with the cube of the thickness, and
-    is softer.
-    """
+    """Even wear of the valve plate, whose film becomes thicker and softer, and leaks more."""
 
     label: ClassVar[str] = "valve_plate"
 
-    film_increase: float = _dimension("m", longest=0.002)
+    film_increase: float = _dimension("m", maximum=0.002)
     """Added film thickness [m]; 5...15 um."""
     stiffness_exponent: float = 1.0
-    """K_v falls with (h0/h) to this power, 1 or 2; C_v falls with the third power."""
+    """Power of (h0/h) with which K_v falls, 1 or 2; C_v falls with the third power."""
 
 
 @dataclass(frozen=True)
 class DamScratch(Fault):
-    """Scratch across the valve plate's dam at bottom dead center: chambers meet the high pressure
-    early.
+    """Scratch across the valve plate's dam at bottom dead center.
+
+    It connects chambers to the discharge pressure early.
     """
 
     label: ClassVar[str] = "valve_plate"
@@ -268,7 +271,7 @@ class GrooveErosion(Fault):
     label: ClassVar[str] = "valve_plate"
 
     advance: float = _dimension("rad")
-    """How much earlier the ports open [rad]; 6 deg is much."""
+    """Shaft angle by which the ports open earlier [rad]; 6 deg is severe."""
     area_factor: float = 4.0
     """Factor on the groove's area."""
 
@@ -279,10 +282,10 @@ class LooseSlipper(Fault):
 
     label: ClassVar[str] = "loose_slipper"
 
-    clearance: float = _dimension("m", longest=0.02)
+    clearance: float = _dimension("m", maximum=0.02)
     """Play of the joint [m]; 0.05...0.2 mm."""
     slipper: int = 0
-    """Which slipper, from 0."""
+    """Index of the slipper, from 0."""
     restitution: float = 0.0
     """Coefficient of restitution of the impacts, 0...1."""
     pulse: float = _dimension("s", 2e-4)
@@ -291,42 +294,48 @@ class LooseSlipper(Fault):
 
 _faults: dict[str, Fault | None] = {"normal": None}
 FAULT_KINDS: Mapping[str, Fault | None] = MappingProxyType(_faults)
-"""Faults by the name that the command line reads, each with its typical dimensions;
+"""Registered faults with typical dimensions, by the name that the command line reads.
+
 `register_fault` adds to them.
 """
+
 _ENTRY_POINTS = "swashtwin.faults"
 
 
 def register_fault(name: str, typical: Fault) -> None:
-    """Make a fault known by `name`: to `read_fault`, to the command line, and to whatever loads
-    saved twins.
+    """Register a fault by `name`, for `read_fault`, the command line and the loading of twins.
 
-    A package can have it made automatically, for the command line too, by an entry point `name` of
-    the group ``swashtwin.faults`` that points at `typical`.
+    An installed package is registered automatically, for the command line too, if it has an entry
+    point `name` of the group ``swashtwin.faults`` that points at `typical`.
 
     Parameters
     ----------
-    name : one word, such as ``"loose_slipper"``; a class's own name stands for its commonest fault.
-    typical : the fault with the dimensions that are taken where none are given.
+    name : one word, such as ``"loose_slipper"``; the name of a class means its most common fault.
+    typical : fault with the default dimensions.
 
     Raises
     ------
     InputError
-        The name, or the name of the fault's type, stands for another fault.
+        Another fault is registered by the name, or has a type of the same name.
     """
     kind = type(typical)
     if not isinstance(typical, Fault) or not fields(kind) or not hasattr(kind, "label"):
         raise InputError(
-            f"{kind.__name__} is no fault: derive a frozen dataclass from Fault, with a label and its severity first."
+            f"{kind.__name__} is not a fault: derive a frozen dataclass from Fault, "
+            "with a label and its severity as the first field."
         )
-    for other_name, other in _faults.items():
-        clashes = name == other_name or kind.__name__ == type(other).__name__
-        if clashes and (kind.__module__, kind.__qualname__) != (
-            type(other).__module__,
-            type(other).__qualname__,
-        ):
+    for registered_name, registered in _faults.items():
+        registered_kind = type(registered)
+        clashes = name == registered_name or kind.__name__ == registered_kind.__name__
+        # Compared by name, because a module may be imported twice, with a type each time.
+        is_same = (kind.__module__, kind.__qualname__) == (
+            registered_kind.__module__,
+            registered_kind.__qualname__,
+        )
+        if clashes and not is_same:
             raise InputError(
-                f"{name} ({kind.__name__}) is taken by {other_name} ({type(other).__name__}); rename it."
+                f"{name} ({kind.__name__}) is already registered as {registered_name} "
+                f"({registered_kind.__name__}); rename it."
             )
     _faults[name] = typical
 
@@ -339,35 +348,41 @@ def register_installed_faults() -> None:
 
 
 def fault_type(name: str) -> type[Fault]:
-    """Type of the fault, registered or offered by an installed package, whose type has this name
-    (``"PistonWear"``).
+    """Return the type of fault with this name (``"PistonWear"``).
+
+    It may be registered, or offered by an installed package.
 
     Raises
     ------
     InputError
-        None is registered by that name.
+        No registered fault has a type of this name.
     """
+    # Entry points are read only if needed: it takes longer than a look-up.
     if name not in {type(fault).__name__ for fault in _faults.values()}:
         register_installed_faults()
     kinds = {type(fault).__name__: type(fault) for fault in _faults.values() if fault is not None}
     if name not in kinds:
         raise InputError(
-            f"no fault of the type {name} is registered; there are {', '.join(kinds)}. Register your own with "
-            "register_fault before loading what names it."
+            f"No fault of the type {name} is registered; there are {', '.join(kinds)}. "
+            "Register yours with register_fault before you load a file that uses it."
         )
     return kinds[name]
 
 
 def read_fault(kind: str, **dimensions: str) -> Fault | None:
-    """Fault of that kind (`FAULT_KINDS`, or an alias) with some dimensions replaced; None is a
-    healthy pump.
+    """Return the typical fault of a kind with some dimensions replaced; None is a healthy pump.
+
+    Parameters
+    ----------
+    kind : a name of `FAULT_KINDS`, or an alias of it.
+    dimensions : quantities with units, whole numbers, or words, by the names of the fault's fields.
 
     Raises
     ------
     InputError
-        No such kind (the nearest is offered), no such dimension, or an impossible number or word.
+        Unknown kind (the nearest is offered) or dimension, or an impossible number or word.
     UnitError
-        A dimension without a unit, or with one of another dimension.
+        A dimension without a unit, or with a unit of another dimension.
 
     Examples
     --------
@@ -383,39 +398,39 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
     if fault is None:
         if dimensions:
             raise InputError(
-                f"a {name} pump has no {next(iter(dimensions))}; name a fault, such as swash_plate."
+                f"A {name} pump has no {next(iter(dimensions))}; name a fault, such as swash_plate."
             )
         return None
-    forms = get_type_hints(type(fault))
+
+    readable_types = {
+        field_name: field_type
+        for field_name, field_type in get_type_hints(type(fault)).items()
+        if field_type in (float, int) or get_origin(field_type) is Literal
+    }
     values: dict[str, Any] = {}
     for key, text in dimensions.items():
-        form = forms.get(key)
-        if get_origin(form) is Literal:
+        if key not in readable_types:
+            raise InputError(
+                f"{name} has no dimension {key!r}; it has {', '.join(readable_types)}."
+            )
+        if readable_types[key] not in (float, int):
             values[key] = text
-        elif form in (float, int):
-            number = parse_quantity(text, fault.units.get(key, "1"), name=f"{name}'s {key}")
-            if form is int and number != int(number):
-                raise InputError(f"{name}'s {key} = {text!r} must be a whole number.")
-            values[key] = int(number) if form is int else number
-        else:
-            known = [
-                item
-                for item, form in forms.items()
-                if form in (float, int) or get_origin(form) is Literal
-            ]
-            raise InputError(f"{name} has no dimension {key!r}; it has {', '.join(known)}.")
+            continue
+
+        number = parse_quantity(text, fault.units.get(key, "1"), name=f"{name}'s {key}")
+        if readable_types[key] is int and number != int(number):
+            raise InputError(f"{name}'s {key} = {text!r} must be a whole number.")
+        values[key] = readable_types[key](number)
     return replace(fault, **values)
 
 
-for _name, _typical in {
-    "swash_plate": SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24)),
-    "piston": PistonWear(clearance=um(40)),
-    "cylinder_block": BoreDefect(depth=um(150)),
-    "valve_plate": ValvePlateWear(film_increase=um(10)),
-    "loose_slipper": LooseSlipper(clearance=mm(0.1)),
-    "scratched_block": SealingLandScratch(conductance=1.2e-12),
-    "tilted_block": TiltedBlockFace(variation=0.2),
-    "scratched_valve_plate": DamScratch(area=1e-6),
-    "eroded_grooves": GrooveErosion(advance=deg(4)),
-}.items():  # the paper's defect, and moderate severities of docs/explanation/physics.md for the others
-    register_fault(_name, _typical)
+# The paper's defect, and moderate severities of docs/explanation/physics.md for the others.
+register_fault("swash_plate", SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24)))
+register_fault("piston", PistonWear(clearance=um(40)))
+register_fault("cylinder_block", BoreDefect(depth=um(150)))
+register_fault("valve_plate", ValvePlateWear(film_increase=um(10)))
+register_fault("loose_slipper", LooseSlipper(clearance=mm(0.1)))
+register_fault("scratched_block", SealingLandScratch(conductance=1.2e-12))
+register_fault("tilted_block", TiltedBlockFace(variation=0.2))
+register_fault("scratched_valve_plate", DamScratch(area=1e-6))
+register_fault("eroded_grooves", GrooveErosion(advance=deg(4)))

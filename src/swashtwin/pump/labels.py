@@ -1,4 +1,4 @@
-"""Fault classes: what a classifier names, and the words in which people write them."""
+"""Fault classes of the classifiers, and the words that people write for them."""
 
 import difflib
 import re
@@ -9,7 +9,7 @@ from swashtwin.foundation import InputError, plain_text
 CLASSES = ("normal", "swash_plate", "cylinder_block", "piston", "valve_plate")
 """The paper's five classes, in its order."""
 
-# What people call the class of a machine that nothing is wrong with.
+# Words for a healthy machine. Labels come from users' files, in the languages of `propose_class`.
 _HEALTHY = (
     "healthy", "ok", "okay", "good", "baseline", "intact", "undamaged", "faultless", "fault_free", "no_fault",
     "no_defect", "gesund", "gut", "in_ordnung", "io", "i_o", "fehlerfrei", "unbeschädigt", "intakt", "sain", "bon",
@@ -24,10 +24,11 @@ ALIASES = {
     "plunger": "piston",
     "slipper": "loose_slipper",
 }
-"""Other names in use for the classes; read, never written."""
+"""Other names of the classes, which are read but never written."""
 
-# Words for a part in English, German, French, Spanish and Chinese, without accents; the first class
-# that fits is meant, so that a `Kolbentrommel` is no piston.
+
+# Words for a part in English, German, French, Spanish and Chinese, without accents. The first class
+# that matches counts, so that a `Kolbentrommel` (cylinder block) does not match `kolben` (piston).
 _PARTS = {
     "cylinder_block": ("cylinder_block", "cylinder_barrel", "zylinderblock", "zylindertrommel", "kolbentrommel",
                        "bloc_cylindre", "barillet", "bloque_de_cilindro", "barrilete", "缸体"),
@@ -40,25 +41,26 @@ _PARTS = {
     "piston": ("piston", "plunger", "kolben", "embolo", "柱塞", "活塞"),
 }  # fmt: skip
 
-# Words for the whole machine, which name no part of it.
+# Words for the whole machine, taken out first: a `piston pump` does not name its piston.
 _MACHINES = re.compile(
     r"(axial|radial)?_?(piston_pump|pump_piston|kolbenpumpe\w*|kolbenmaschine\w*|pompe_a_pistons?|bomba_de_pistones)"
     r"|柱塞泵|活塞泵"
 )
 
-# Words by which a label may say that its part is sound; a person must decide.
+# Words by which a label may state that its part is healthy (`new piston`, `piston ok`): no class is
+# proposed, and a person decides.
 _SOUND = re.compile(
     r"(^|_)(no|non|not|ohne|kein\w*|sans|sin|without|new|neu\w*|ok|okay|good|gut\w*|healthy|intact|intakt)(_|$)|无|正常|新"
 )
 
 
 def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
-    """Class name that `text` stands for.
+    """Return the class that `text` names.
 
     Raises
     ------
     InputError
-        It stands for none; the nearest is offered.
+        It names no class; the nearest is offered.
 
     Examples
     --------
@@ -66,73 +68,78 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
     'piston'
     """
     if not isinstance(text, str):
-        raise InputError(f"{text!r} is no class; the classes are {', '.join(classes)}.")
+        raise InputError(f"Invalid class {text!r}: must be one of {', '.join(classes)}.")
     if is_healthy(text) and CLASSES[0] in classes:
         return CLASSES[0]
-    word = _word(text).removesuffix("fault").removesuffix("_")
-    if word in classes:
-        return word
-    if ALIASES.get(word) in classes:
-        return ALIASES[word]
-    if (proposed := propose_class(text)) in classes:
-        return str(proposed)
+
+    word = _normalize(text).removesuffix("fault").removesuffix("_")
+    for candidate in (word, ALIASES.get(word), propose_class(text)):
+        if candidate in classes:
+            return str(candidate)
+
     names = [*classes, *(alias for alias, target in ALIASES.items() if target in classes)]
-    near = difflib.get_close_matches(word, names, n=1, cutoff=0.55)
-    hint = f" Did you mean {ALIASES.get(near[0], near[0])!r}?" if near else ""
-    raise InputError(f"unknown class {text!r}; the classes are {', '.join(classes)}.{hint}")
+    matches = difflib.get_close_matches(word, names, n=1, cutoff=0.55)
+    hint = f" Did you mean {ALIASES.get(matches[0], matches[0])!r}?" if matches else ""
+    raise InputError(f"Invalid class {text!r}: must be one of {', '.join(classes)}.{hint}")
 
 
 def propose_class(label: str) -> str | None:
-    """Class that a label's words suggest, in English, German, French, Spanish or Chinese; None
-    where they do not, or say that the part is sound.
+    """Return the class that a label's words suggest.
+
+    The words may be English, German, French, Spanish or Chinese. None if they suggest no class, or
+    state that the part is healthy.
 
     Examples
     --------
-    >>> propose_class("Kolbenverschleiß"), propose_class("plateau incliné usé"), propose_class("配流盘磨损")
-    ('piston', 'swash_plate', 'valve_plate')
+    >>> propose_class("Kolbenverschleiß"), propose_class("plateau incliné usé")
+    ('piston', 'swash_plate')
+    >>> propose_class("配流盘磨损")
+    'valve_plate'
     """
     if is_healthy(label):
         return CLASSES[0]
-    plain = "".join(
-        char
-        for char in unicodedata.normalize("NFKD", _word(label))
-        if not unicodedata.combining(char)
-    )
-    part = _MACHINES.sub("", plain)
-    if _SOUND.search(part):
+
+    decomposed = unicodedata.normalize("NFKD", _normalize(label))
+    without_accents = "".join(char for char in decomposed if not unicodedata.combining(char))
+    text = _MACHINES.sub("", without_accents)
+    if _SOUND.search(text):
         return None
-    patterns = {
-        name: "|".join(
-            rf"(^|_|\d){word}" if word.isascii() else word for word in words
-        )  # Chinese has no gaps
-        for name, words in _PARTS.items()
-    }
-    return next((name for name, pattern in patterns.items() if re.search(pattern, part)), None)
+    for name, part_names in _PARTS.items():
+        if any(_names_part(text, part_name) for part_name in part_names):
+            return name
+    return None
+
+
+def _names_part(text: str, part_name: str) -> bool:
+    """Return whether a word of `text` begins with `part_name`."""
+    # Chinese has no gaps between words.
+    pattern = rf"(^|_|\d){part_name}" if part_name.isascii() else part_name
+    return re.search(pattern, text) is not None
 
 
 def is_healthy(label: str | None) -> bool:
-    """Whether a label says that nothing is wrong: ``"normal"``, ``"healthy"``, ``"ok"``, ``"gut"``
-    and their like.
+    """Return whether a label states that nothing is wrong, such as ``"normal"`` or ``"gut"``.
 
     Examples
     --------
     >>> is_healthy("In Ordnung"), is_healthy("piston"), is_healthy(None)
     (True, False, False)
     """
-    word = "" if label is None else _word(label)
+    word = "" if label is None else _normalize(label)
     return ALIASES.get(word, word) == CLASSES[0]
 
 
-def _word(label: str) -> str:
-    """A label in small letters and one Unicode form, an underscore for each gap, point and
-    hyphen.
+def _normalize(label: str) -> str:
+    """Return a label in lower case and one Unicode form, with underscores as separators.
+
+    An underscore replaces each run of spaces, periods and hyphens.
     """
     text = unicodedata.normalize("NFKC", label).casefold()
     return re.sub(r"[\s._-]+", "_", text).strip("_")
 
 
 def is_same_class(first: str | None, second: str | None) -> bool:
-    """Whether two labels are equal, or both healthy."""
+    """Return whether two labels are equal, or both healthy."""
     if first is None or second is None:
         return first == second
     return plain_text(first) == plain_text(second) or (is_healthy(first) and is_healthy(second))

@@ -76,7 +76,7 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
         ("[[machine]]\nspeed='3 rpm'", "missing required field `name`"),
         ("[[machine]]\nname='pump-1'", "2 of .* have the name 'pump-1'"),
         ("[[machine]]\nname='../up'", "write it as '_up'"),
-        ("[[machine]]\nname='p'\npump='nosuch'", "no pump named 'nosuch'"),
+        ("[[machine]]\nname='p'\npump='nosuch'", "Unknown pump 'nosuch'"),
         ("[[machine]]\nname='p'\nmodel='m.safetensors'", "does not exist"),
         ("[[machine]]\nname='p'\ncalibration='m.json'", "specify pump or pistons too"),
         ("[[machine]]\nname='p'\npump='25scy14-1b'\npistons=9", "specify only one of the two"),

@@ -94,7 +94,7 @@ def stroke_of(group: RotatingGroup) -> float:
 
 
 def compression_angle(group: RotatingGroup, oil: Oil, pressure: float) -> float:
-    """Return the shaft angle [rad] after bottom dead center at which a closed chamber has `pressure`.
+    """Return the angle after bottom dead center [rad] at which a closed chamber has `pressure`.
 
     The piston must sweep dV = V p / B of the full chamber V = V0 + 2 A R tan(gamma), and it sweeps
     A R tan(gamma) (1 - cos phi): phi = acos(1 - V p / (B A R tan(gamma))). Free air is left out

@@ -79,7 +79,8 @@ class Nameplate:
             )
         if self.swash_angle is not None and not 0 < self.swash_angle < math.radians(45):
             raise InputError(
-                f"swash_angle ({math.degrees(self.swash_angle):.4g} deg) must lie within 0...45 deg."
+                f"swash_angle ({math.degrees(self.swash_angle):.4g} deg) "
+                "must lie within 0...45 deg."
             )
         if self.mass is not None and not 0.1 <= self.mass <= 5000:
             raise InputError(

@@ -75,24 +75,31 @@ class RotatingGroup:
             )
         if not 0 < self.swash_angle < math.radians(45):
             raise InputError(
-                f"rotating_group.swash_angle ({math.degrees(self.swash_angle):.4g} deg) must lie within 0...45 deg."
+                f"rotating_group.swash_angle ({math.degrees(self.swash_angle):.4g} deg) "
+                "must lie within 0...45 deg."
             )
         if not 0 <= self.piston_eccentricity <= 1:
             raise InputError(
-                f"rotating_group.piston_eccentricity ({self.piston_eccentricity:g}) must lie in 0...1."
+                f"rotating_group.piston_eccentricity ({self.piston_eccentricity:g}) "
+                "must lie in 0...1."
             )
+
+        # The chord between neighboring bores must leave a wall.
         wall = 2 * self.pitch_radius * math.sin(math.pi / self.piston_count) - self.piston_diameter
         if wall <= 0:
             raise InputError(
-                f"rotating_group: {self.piston_count} bores of {self.piston_diameter * 1e3:.4g} mm overlap on a "
-                f"pitch radius of {self.pitch_radius * 1e3:.4g} mm; enlarge pitch_radius or reduce piston_diameter."
+                f"rotating_group: {self.piston_count} bores of {self.piston_diameter * 1e3:.4g} mm "
+                f"overlap on a pitch radius of {self.pitch_radius * 1e3:.4g} mm; "
+                "enlarge pitch_radius or reduce piston_diameter."
             )
         if self.slipper_diameter <= self.pocket_diameter:
             raise InputError("rotating_group.slipper_diameter must exceed pocket_diameter.")
+
         if not 1e-8 <= self.displacement <= 5e-3:
             raise InputError(
-                f"rotating_group: piston_diameter, pitch_radius and swash_angle give {self.displacement * 1e6:.4g} mL "
-                "per revolution, outside 0.01...5000 mL; check its unit."
+                f"rotating_group: piston_diameter, pitch_radius and swash_angle give "
+                f"{self.displacement * 1e6:.4g} mL per revolution, outside 0.01...5000 mL; "
+                "check their units."
             )
 
     @property
@@ -225,13 +232,14 @@ class Bearings:
     def __post_init__(self) -> None:
         if len(self.positions) != len(self.stiffnesses) or not self.positions:
             raise InputError(
-                "bearings: positions and stiffnesses must be lists of the same length, one entry a bearing."
+                "bearings: positions and stiffnesses must be lists of the same length, "
+                "with one entry for each bearing."
             )
 
 
 @dataclass(frozen=True)
 class Coupling:
-    """What ties retainer and rotor besides the films."""
+    """Spring and lateral stiffness between retainer and rotor."""
 
     spring_stiffness: float = _number("N/m", "Central spring")
     spring_preload: float = _number(
@@ -252,7 +260,7 @@ class Interface:
 
 @dataclass(frozen=True)
 class Interfaces:
-    """The three interfaces whose six values calibration finds."""
+    """The three interfaces, whose six values calibration estimates."""
 
     slipper_swash: Interface
     """Slippers on the swash plate: C_sw, K_sw, totals of all slippers."""
@@ -262,12 +270,12 @@ class Interfaces:
     """Pistons in their bores: C_Hz, K_Hz, totals of all pistons."""
 
     def values(self) -> tuple[float, ...]:
-        """The six values in the order of `PARAMETERS` [N s/m, N/m, ...]."""
+        """Return the six values in the order of `PARAMETERS` [N s/m, N/m, ...]."""
         return tuple(float(attrgetter(name)(self)) for name in PARAMETERS)
 
     @classmethod
     def from_values(cls, values: Any) -> "Interfaces":
-        """Interfaces with six values in the order of `PARAMETERS`.
+        """Return interfaces with six values in the order of `PARAMETERS`.
 
         Raises
         ------
@@ -277,7 +285,8 @@ class Interfaces:
         numbers = [float(value) for value in values]
         if len(numbers) != len(PARAMETERS):
             raise InputError(
-                f"{len(numbers)} interface values; there are {len(PARAMETERS)}: {', '.join(PARAMETERS)}."
+                f"{len(numbers)} interface values given; {len(PARAMETERS)} are required: "
+                f"{', '.join(PARAMETERS)}."
             )
         for name, number in zip(PARAMETERS, numbers, strict=True):
             if not (math.isfinite(number) and number > 0):
@@ -287,9 +296,7 @@ class Interfaces:
 
 @dataclass(frozen=True)
 class Rated:
-    """Operating point that the pump is made for; port timing and interface values of its file hold
-    there.
-    """
+    """Rated operating point, at which the file's port timing and interface values hold."""
 
     speed: float = _number("rad/s", "Angular speed of the shaft")
     discharge_pressure: float = _number("Pa", "Discharge pressure")
@@ -329,9 +336,9 @@ class Pump:
     sensors: tuple[Sensor, ...]
     """Accelerometers, one channel each."""
     rated: Rated | None = field(default=None, compare=False, repr=False)
-    """Operating point that it is made for, or None where its file states none."""
+    """Rated operating point, or None if the file has none."""
     sources: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
-    """Where each number comes from, by its path such as ``masses.shell``."""
+    """Source of each number, by its path such as ``masses.shell``."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -339,7 +346,7 @@ class Pump:
         return tuple(sensor.name for sensor in self.sensors)
 
     def with_interfaces(self, interfaces: Interfaces) -> "Pump":
-        """The same pump with other nominal interface values."""
+        """Return the pump with other nominal interface values."""
         return replace(self, interfaces=interfaces)
 
 

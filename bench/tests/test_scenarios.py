@@ -1,4 +1,4 @@
-"""What a study trains and tests on: roles kept apart, and what is lacking named."""
+"""Roles of recordings in a study are disjoint, and missing recordings are reported."""
 
 from dataclasses import replace
 

@@ -1,6 +1,4 @@
-"""Commands of the studies: what they refuse, how they are interrupted, and the page of their
-runs.
-"""
+"""Commands of the studies: refusals, interruption, and the page of their runs."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -52,7 +50,7 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
         return real(task, *arguments, **keywords)
 
     monkeypatch.setattr(runner, "train_and_test", interrupted)
-    words = (
+    arguments = (
         "bench",
         "study",
         "case1",
@@ -63,34 +61,34 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
         "--set",
         "classifiers=extra_trees",
     )
-    words = (*words, "--set", "training_sets=measured,nominal")
-    assert "same command continues" in one_line(run(*words, code=130))
-    answer = run_json(*words)
+    arguments = (*arguments, "--set", "training_sets=measured,nominal")
+    assert "same command continues" in one_line(run(*arguments, code=130))
+    answer = run_json(*arguments)
     assert len(keys) == 3
     assert {row["training_set"] for row in answer["rows"]} == {"measured", "nominal"}
     assert Path(answer["report"]).is_file()
     assert (tmp_path / "out" / "rig-small-0" / "recordings.toml").is_file()
-    again = run(*words)
+    again = run(*arguments)
     assert "2 of seed 0 already finished" in again.stderr
     assert "with nominal twin" in again.stdout
 
 
 @pytest.mark.parametrize(
-    "words", [("bench", "study", "case1", "."), ("bench", "study", "paper"), ("demo",)]
+    "arguments", [("bench", "study", "case1", "."), ("bench", "study", "paper"), ("demo",)]
 )
-@pytest.mark.parametrize("below", ["", "deeper"])
+@pytest.mark.parametrize("subfolder", ["", "deeper"])
 def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
-    words: tuple[str, ...], below: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: tuple[str, ...], subfolder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "taken").write_text("kept")
-    output = run(*words, "--out", Path("taken") / below, code=3).stderr
+    output = run(*arguments, "--out", Path("taken") / subfolder, code=3).stderr
     assert "is a file" in " ".join(output.replace("│", " ").split())
     assert (tmp_path / "taken").read_text() == "kept"
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "said"),
+    ("arguments", "code", "message"),
     [
         (("study", "cas1"), 2, "did you mean case1"),
         (("study", "case1"), 3, "needs a folder"),
@@ -113,19 +111,19 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
     ],
 )
 def test_what_cannot_be_run_is_refused_at_once(
-    words: tuple[str, ...], code: int, said: str
+    arguments: tuple[str, ...], code: int, message: str
 ) -> None:
-    result = run("bench", *words, code=code)
+    result = run("bench", *arguments, code=code)
     assert not result.stdout
-    assert said in " ".join(result.stderr.replace("│", " ").split())
+    assert message in " ".join(result.stderr.replace("│", " ").split())
 
 
 @pytest.mark.parametrize("fast", [True, False])
-def test_sixteen_bits_are_warned_of_where_the_processor_is_slow_with_them(
+def test_sixteen_bits_are_warned_of_if_the_processor_is_slow_with_them(
     fast: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swashtwin_bench.cli.studies._has_bfloat16_arithmetic", lambda: fast)
-    words = (
+    arguments = (
         "bench",
         "study",
         "case1",
@@ -135,7 +133,7 @@ def test_sixteen_bits_are_warned_of_where_the_processor_is_slow_with_them(
         "--set",
         "classifiers=guess",
     )
-    assert ("slower here than float32" in run(*words, code=3).stderr) is not fast
+    assert ("slower here than float32" in run(*arguments, code=3).stderr) is not fast
 
 
 def test_settings_are_read_from_texts_and_from_values() -> None:

@@ -196,16 +196,18 @@ def _style_series(series: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
     training_sets = list(dict.fromkeys(training_set for _, training_set in series))
     by_classifier = len(classifiers) > 1 and len(training_sets) <= len(_DASHES)
 
-    colored, dashed = (classifiers, training_sets)
-    if not by_classifier:
-        colored, dashed = (training_sets, classifiers)
+    if by_classifier:
+        colored = classifiers
+        dashed = training_sets
+    else:
+        colored = training_sets
+        dashed = classifiers
     colors = series_colors(colored)
 
     looks = []
     for classifier, training_set in series:
-        color_key, dash_key = (classifier, training_set)
-        if not by_classifier:
-            color_key, dash_key = (training_set, classifier)
+        color_key = classifier if by_classifier else training_set
+        dash_key = training_set if by_classifier else classifier
         looks.append(
             {
                 "color": colors[color_key],

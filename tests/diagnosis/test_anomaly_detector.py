@@ -426,7 +426,7 @@ def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Pa
 
     assert verdict["alarm"] is True
     assert verdict["changes"][0]["band"] == "shaft order 9 (180 Hz)"
-    assert "Change of the levels" in page.read_text(encoding="utf-8")
+    assert "Change of the band powers" in page.read_text(encoding="utf-8")
 
     printed = run(
         "diagnose", str(model), str(folder / "all" / "t1.h5"), "--pressure", "20 MPa", code=3

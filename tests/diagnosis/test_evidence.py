@@ -32,7 +32,8 @@ def recording(name: str, label: str, burst: bool = False) -> Recording:
     angle = 2 * np.pi * SHAFT * np.arange(2048) / RATE + draw.uniform(0, 6)
     signal = 0.5 * draw.normal(size=(2, 2048)) + np.cos(angle)
     if label == "valve_plate":
-        signal[1] += np.cos(7 * angle) * (np.arange(2048) >= 1024 if burst else 1)
+        is_present = np.arange(2048) >= (1024 if burst else 0)
+        signal[1] += np.cos(7 * angle) * is_present
     condition = OperatingCondition(speed=rpm(60 * SHAFT), discharge_pressure=MPa(15))
 
     return Recording(
@@ -42,9 +43,11 @@ def recording(name: str, label: str, burst: bool = False) -> Recording:
 
 @pytest.fixture(scope="module")
 def classifier() -> FittedClassifier:
-    train = cut_windows(
-        [recording(f"{label} {n}", label) for label in LABELS for n in range(4)], length=128
-    )
+    recordings = []
+    for label in LABELS:
+        recordings.extend(recording(f"{label} {number}", label) for number in range(4))
+    train = cut_windows(recordings, length=128)
+
     settings = TrainingSettings(epochs=15, batch_size=16, learning_rate=3e-3, normalization="set")
     return fit(BiTCN(2, 2, channels=(8, 12), kernel_size=5, dropout=0.0), train, settings=settings)
 
@@ -60,23 +63,23 @@ def evidence(classifier: FittedClassifier) -> Evidence:
     )
 
 
-def test_lines_add_up_to_the_answer(evidence: Evidence) -> None:
+def test_contributions_add_up_to_the_margin(evidence: Evidence) -> None:
     assert evidence.completeness_error < 0.03
     assert evidence.contributions.sum() == pytest.approx(evidence.margin, rel=0.03)
 
 
-def test_readings_that_speak_against_their_own_verdict_say_so(evidence: Evidence) -> None:
+def test_samples_that_contradict_their_verdict_are_reported(evidence: Evidence) -> None:
     assert evidence.margin > 0
-    assert not any("even more firmly" in said for said in evidence.sentences())
+    assert not any("even more firmly" in sentence for sentence in evidence.sentences())
 
     against = replace(evidence, margin=-evidence.margin)
     assert any(
-        "for silence the network answers valve plate even more firmly" in said
-        for said in against.sentences()
+        "for silence the network answers valve plate even more firmly" in sentence
+        for sentence in against.sentences()
     )
 
 
-def test_of_a_linear_answer_the_gradient_is_the_weights_and_nothing_is_missed() -> None:
+def test_the_gradient_of_a_linear_network_is_its_weights_and_adds_up() -> None:
     class Line(torch.nn.Module):
         def forward(self, x: torch.Tensor) -> torch.Tensor:
             return torch.stack([(x * weights).sum(dim=(1, 2)), torch.zeros(len(x))], dim=1)
@@ -91,7 +94,7 @@ def test_of_a_linear_answer_the_gradient_is_the_weights_and_nothing_is_missed() 
     np.testing.assert_allclose((signal * gradient).sum(axis=(1, 2)), change, atol=1e-4)
 
 
-def test_a_line_that_alone_differs_gets_all_the_share() -> None:
+def test_the_only_line_gets_the_whole_share() -> None:
     time = np.arange(256) / 256
     signal = np.sin(2 * np.pi * 9 * time)[None]
     gradient = 3 * np.sin(2 * np.pi * 9 * time)[None]
@@ -112,20 +115,26 @@ def test_the_planted_line_is_named_with_its_channel_and_its_order(evidence: Evid
 def test_random_weights_give_other_evidence(
     classifier: FittedClassifier, evidence: Evidence
 ) -> None:
-    """The sanity check of Adebayo and others 2018 (arXiv:1810.03292): evidence that survives it
-    shows the data only.
+    """Evidence that does not change with the weights would show the data only.
+
+    The sanity check is that of Adebayo et al. 2018 (arXiv:1810.03292).
     """
     measurement = recording("new", "valve_plate")
     similar = []
     for seed in range(5):
-        drawn = replace(classifier, network=classifier.network.fresh(seed).eval())
-        lines = evidence_of(drawn, measurement).contributions
+        random_classifier = replace(classifier, network=classifier.network.fresh(seed).eval())
+        lines = evidence_of(random_classifier, measurement).contributions
         similar.append(
             np.corrcoef(np.abs(lines).ravel(), np.abs(evidence.contributions).ravel())[0, 1]
         )
 
-    again = evidence_of(classifier, recording("other", "valve_plate")).contributions
-    assert np.corrcoef(np.abs(again).ravel(), np.abs(evidence.contributions).ravel())[0, 1] > 0.9
+    similar_contributions = evidence_of(classifier, recording("other", "valve_plate")).contributions
+    assert (
+        np.corrcoef(np.abs(similar_contributions).ravel(), np.abs(evidence.contributions).ravel())[
+            0, 1
+        ]
+        > 0.9
+    )
     assert np.median(similar) < 0.7
 
 
@@ -149,7 +158,9 @@ def test_without_a_speed_evidence_is_by_third_octaves_that_leave_no_gap(
     assert band.low <= 7 * SHAFT <= band.high
 
 
-def test_of_a_long_recording_the_windows_that_speak_most_are_taken(classifier, monkeypatch) -> None:
+def test_evidence_of_a_long_recording_uses_its_most_decisive_windows(
+    classifier, monkeypatch
+) -> None:
     monkeypatch.setattr("swashtwin.diagnosis.evidence.MAX_WINDOWS", 4)
     result = evidence_of(classifier, recording("burst", "valve_plate", burst=True))
 
@@ -157,7 +168,7 @@ def test_of_a_long_recording_the_windows_that_speak_most_are_taken(classifier, m
     assert result.duration == pytest.approx(4 * 128 / RATE)
 
 
-def test_evidence_is_json_and_of_one_recording(
+def test_evidence_converts_to_json_and_belongs_to_one_recording(
     classifier: FittedClassifier, evidence: Evidence
 ) -> None:
     assert (
@@ -204,13 +215,13 @@ def test_the_page_shows_lines_neighbors_and_checks(classifier, evidence, tmp_pat
     )
     text = page.read_text(encoding="utf-8")
 
-    for words in (
+    for message in (
         "order 7 (112 Hz, piston-pass line)",
         evidence.nearest[0].recording_id,
         "What to check next",
         "case drain flow",
     ):
-        assert words in text
+        assert message in text
 
     table = np.genfromtxt(
         tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None
@@ -238,7 +249,7 @@ def test_diagnose_writes_one_page_with_its_evidence(classifier, tmp_path: Path) 
     assert run_json("diagnose", model, file)["evidence"] == []
 
 
-def test_every_class_has_checks_and_the_unknown_has_those_of_any_fault() -> None:
+def test_every_class_has_checks_and_an_unknown_fault_has_general_ones() -> None:
     assert set(CLASSES) <= set(CHECKS)
     for label in CHECKS:
         assert all(check.what and check.why for check in next_checks(label))
@@ -248,18 +259,19 @@ def test_every_class_has_checks_and_the_unknown_has_those_of_any_fault() -> None
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (lambda x: x + 5, "Channel base_x has an offset of"),
         (lambda x: x[[0, 0]], "Channel cover_z follows another channel (correlation 1.000"),
         (lambda x: 8 * x, "The gain of channel base_x looks 18 dB higher"),
     ],
 )
-def test_a_named_network_without_confidence_notes_what_its_training_never_saw(
-    classifier: FittedClassifier, change: Callable[[np.ndarray], np.ndarray], words: str
+def test_a_selected_network_without_confidence_notes_deviations_from_its_training(
+    classifier: FittedClassifier, change: Callable[[np.ndarray], np.ndarray], message: str
 ) -> None:
     new = recording("new", "normal")
     assert diagnose(classifier, new).notes == ()
     assert any(
-        words in note for note in diagnose(classifier, new.replace(signal=change(new.signal))).notes
+        message in note
+        for note in diagnose(classifier, new.replace(signal=change(new.signal))).notes
     )

@@ -1,6 +1,4 @@
-"""Models whose card lies, with a checksum that fits: refused in one line, with no more memory than
-the weights take.
-"""
+"""Models with a false card and a valid checksum are refused in one line and with little memory."""
 
 import resource
 from pathlib import Path
@@ -39,7 +37,7 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
     )
     wrong = []
     count = 0
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    initial_memory_kB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
     for number, (name, changed) in enumerate(hostile_cards(card)):
         if number % 6 and name not in CONTRADICTIONS:
@@ -64,9 +62,8 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
 
         count += 1
 
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000, (
-        "kB beside what was in memory"
-    )
+    peak_memory_kB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert peak_memory_kB - initial_memory_kB < 200_000
     assert not wrong, "\n".join(wrong)
     assert count >= 60
 

@@ -1,6 +1,4 @@
-"""A copy of a training recording that was altered is known as one; another recording of the machine
-is not.
-"""
+"""An altered copy of a training recording is detected; a new recording of the machine is not."""
 
 from collections.abc import Callable
 
@@ -21,10 +19,10 @@ def recording(number: int, label: str = "normal") -> Recording:
     draw = np.random.default_rng(number)
     turns = np.cumsum(1 + 0.001 * draw.normal(size=20000).cumsum() / 100) / RATE
     phase = np.random.default_rng(0).uniform(0, 6, ORDERS.size)
-    size = 1 / np.arange(1, 100) ** (0.3 if label == "piston" else 0.6)
-    lines = (size[:, None] * np.sin(2 * np.pi * ORDERS[:, None] * turns + phase[:, None])).sum(
-        axis=0
-    )
+    decay = 0.3 if label == "piston" else 0.6
+    size = 1 / np.arange(1, 100) ** decay
+    tones = np.sin(2 * np.pi * ORDERS[:, None] * turns + phase[:, None])
+    lines = (size[:, None] * tones).sum(axis=0)
     signal = np.stack([lines, 0.5 * lines]) + 0.3 * draw.normal(size=(2, turns.size))
 
     return Recording(signal, RATE, f"{label} {number}", channels=("x", "y"), label=label)
@@ -81,7 +79,7 @@ def manifest() -> dict[str, tuple[str, ...]]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_altered_copy_is_known_by_the_recording_it_is_of(
+def test_an_altered_copy_is_traced_to_its_original(
     manifest: dict[str, tuple[str, ...]], kind: str
 ) -> None:
     signal = KINDS[kind](recording(3).signal)
@@ -96,13 +94,12 @@ def beating(draw: np.random.Generator) -> np.ndarray:
     """Lines close together, whose levels rise and fall alike in every recording."""
     time = np.arange(20000) / RATE
     phase = draw.uniform(0, 6)
-    lines = [
-        np.sin(2 * np.pi * f * time + k * phase) for f in 95.0 * np.arange(1, 20) for k in range(3)
-    ]
+    lines = []
+    for frequency in 95.0 * np.arange(1, 20):
+        lines.extend(np.sin(2 * np.pi * frequency * time + k * phase) for k in range(3))
+    envelope = 1 + 0.8 * np.sin(2 * np.pi * 2.3 * time + phase)
 
-    return np.sum(lines, axis=0) * (1 + 0.8 * np.sin(2 * np.pi * 2.3 * time + phase)) + draw.normal(
-        size=time.size
-    )
+    return np.sum(lines, axis=0) * envelope + draw.normal(size=time.size)
 
 
 def impacts(draw: np.random.Generator) -> np.ndarray:
@@ -126,7 +123,7 @@ def tones(draw: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", [beating, impacts, tones])
-def test_steady_recordings_of_one_machine_are_no_copies(
+def test_steady_recordings_of_one_machine_are_not_copies(
     kind: Callable[[np.random.Generator], np.ndarray],
 ) -> None:
     made = [
@@ -148,10 +145,11 @@ def test_other_recordings_of_the_machine_are_no_copies(
 def test_a_copy_is_found_among_more_recordings_than_are_compared_at_a_time(
     manifest: dict[str, tuple[str, ...]],
 ) -> None:
-    others = {name: texts for name, texts in manifest.items() if name != "normal 3"}
-    padded = {
-        f"{number} of {name}": texts[2:] for name, texts in others.items() for number in range(20)
-    }
+    remaining_manifest = {name: texts for name, texts in manifest.items() if name != "normal 3"}
+    padded = {}
+    for name, texts in remaining_manifest.items():
+        padded.update({f"{number} of {name}": texts[2:] for number in range(20)})
+
     listed = {
         **padded,
         **manifest,
@@ -174,7 +172,7 @@ def test_a_copy_is_found_among_more_recordings_than_are_compared_at_a_time(
 def test_an_evaluation_refuses_an_altered_copy_and_a_diagnosis_compares_samples_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    train = [recording(number, label) for label in ("normal", "piston") for number in range(2)]
+    train = [recording(0), recording(1), recording(0, "piston"), recording(1, "piston")]
     classifier = FaultClassifier("band_powers", window=1000, epochs=1).fit(train)
     copy = recording(1, "piston")
     copy = copy.replace(recording_id="new", signal=1 + 2 * copy.signal[:, 2000:])
@@ -187,7 +185,7 @@ def test_an_evaluation_refuses_an_altered_copy_and_a_diagnosis_compares_samples_
         classifier.evaluate([copy])
 
     monkeypatch.setattr("swashtwin.recordings.manifest.find_altered_copies", None)
-    again = recording(1, "piston").replace(recording_id="again")
+    renamed = recording(1, "piston").replace(recording_id="again")
 
-    assert "this very recording, under the name piston 1" in classifier.diagnose(again).notes[0]
+    assert "this very recording, under the name piston 1" in classifier.diagnose(renamed).notes[0]
     assert not any("very recording" in text for text in classifier.diagnose(copy).notes)

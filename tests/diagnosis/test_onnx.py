@@ -1,4 +1,4 @@
-"""An ONNX file answers as the classifier that it was made of, and says what it must be given."""
+"""An ONNX file answers as its classifier and describes its inputs."""
 
 import json
 import sys
@@ -33,19 +33,16 @@ SMALLER = {
 NORMALIZATION = {"band_powers": "set"}
 """Scaling of the networks whose file is not to scale each window by itself."""
 OFFSET = 9.8
-"""What no scaling may forget to take away [m/s^2]."""
+"""Offset that every scaling must remove [m/s^2]."""
 
 
 def windows(count: int = 12) -> WindowSet:
     draw = np.random.default_rng(0)
-    recordings = [
-        Recording(
-            draw.normal(OFFSET, 1 + number, size=(2, 97 * count // 4)), 1e3, f"{number}", channels=("x", "y"),
-            label=("normal", "piston")[number % 2],
-        )
-        for number in range(4)
-    ]  # fmt: skip
-
+    recordings = []
+    for number in range(4):
+        signal = draw.normal(OFFSET, 1 + number, size=(2, 97 * count // 4))
+        label = ("normal", "piston")[number % 2]
+        recordings.append(Recording(signal, 1e3, f"{number}", channels=("x", "y"), label=label))
     return cut_windows(recordings, length=97)
 
 
@@ -74,7 +71,7 @@ def session(path: Path) -> onnxruntime.InferenceSession:
 
 
 def facts_of(opened: onnxruntime.InferenceSession) -> dict[str, Any]:
-    """What the file says of itself."""
+    """Return the metadata of a file."""
     return {
         name: json.loads(value)
         for name, value in opened.get_modelmeta().custom_metadata_map.items()
@@ -91,9 +88,9 @@ def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_win
 
     assert expected.std(axis=0).min() > 1e-5
 
-    for chosen in (slice(0, 1), slice(None)):
-        answer = opened.run(["probability"], {"windows": windows().signal[chosen]})[0]
-        np.testing.assert_allclose(answer, expected[chosen], atol=1e-5)
+    for rows in (slice(0, 1), slice(None)):
+        answer = opened.run(["probability"], {"windows": windows().signal[rows]})[0]
+        np.testing.assert_allclose(answer, expected[rows], atol=1e-5)
 
     assert [file.name for file in path.parent.iterdir()] == ["model.onnx"]
 
@@ -118,21 +115,21 @@ def test_the_file_of_a_network_on_orders_takes_the_speed(
     np.testing.assert_allclose(opened.run(["probability"], inputs)[0], expected, atol=1e-5)
 
 
-def test_a_channel_that_does_not_move_is_not_divided(exported) -> None:
+def test_a_constant_channel_is_not_divided_by_zero(exported) -> None:
     still = np.full((1, 2, 97), OFFSET, dtype=np.float32)
     assert np.isfinite(session(exported("bitcn")[1]).run(None, {"windows": still})[0]).all()
 
 
-def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Path) -> None:
+def test_the_command_writes_a_file_that_describes_its_inputs(tmp_path: Path) -> None:
     classifier = fitted("band_powers")
     saved = save_classifier(classifier, tmp_path / "model.safetensors")
-    words = ("model", "export", saved, "--out", tmp_path / "model.onnx")
+    command = ("model", "export", saved, "--out", tmp_path / "model.onnx")
     (tmp_path / "model.onnx").write_text("mine")
 
-    assert "Overwrite it with --force" in one_line(run(*words, code=3))
+    assert "Overwrite it with --force" in one_line(run(*command, code=3))
 
-    run(*words, "--force")
-    answer = run_json(*words)  # replaces what it wrote itself
+    run(*command, "--force")
+    answer = run_json(*command)  # replaces what it wrote itself
 
     assert (answer["network"], answer["classes"]) == ("band_powers", ["normal", "piston"])
 

@@ -1,6 +1,4 @@
-"""A person's own `nn.Module` is registered, trained, saved, loaded and used, without a word in the
-package.
-"""
+"""A user's `nn.Module` is registered, trained, saved, loaded and used without a change here."""
 
 import numpy as np
 import pytest
@@ -40,13 +38,13 @@ def recordings(tag: str) -> list[Recording]:
 @pytest.fixture
 def registered():
     """The registry as it is, restored after the test."""
-    before = dict(NETWORKS)
+    original_networks = dict(NETWORKS)
     yield
     NETWORKS.clear()
-    NETWORKS.update(before)
+    NETWORKS.update(original_networks)
 
 
-def test_it_is_trained_saved_and_loaded_and_refused_where_it_is_not_registered(
+def test_a_registered_module_is_trained_saved_and_loaded_and_refused_if_not_registered(
     registered, tmp_path
 ):
     register_network("convolution", Convolution)
@@ -77,7 +75,7 @@ def test_it_is_trained_saved_and_loaded_and_refused_where_it_is_not_registered(
         load_classifier(path)
 
 
-def test_an_entry_point_registers_it_for_the_command_line(registered, monkeypatch):
+def test_an_entry_point_registers_a_network_for_the_command_line(registered, monkeypatch):
     class EntryPoint:
         def load(self):
             return Convolution

@@ -1,4 +1,4 @@
-"""An artifact comes back as it was saved, or is refused in one line."""
+"""An artifact is read back as it was saved, or is refused in one line."""
 
 import json
 from pathlib import Path
@@ -33,13 +33,13 @@ def read(path: Path, kind: str = "thing", version: int = 3) -> tuple[dict, dict]
     return read_artifact(path, kind, version, advice="make it again")
 
 
-def test_card_and_tensors_come_back_and_give_the_same_bytes_again(saved):
+def test_card_and_tensors_are_read_back_and_give_the_same_bytes(saved):
     card, tensors = read(saved)
     assert card == CARD
     assert all(np.array_equal(tensors[name], tensor) for name, tensor in TENSORS.items())
 
-    again = write_artifact(saved.with_name("again.safetensors"), "thing", 3, card, tensors)
-    assert again.read_bytes() == saved.read_bytes()
+    second_file = write_artifact(saved.with_name("again.safetensors"), "thing", 3, card, tensors)
+    assert second_file.read_bytes() == saved.read_bytes()
     assert sorted(path.name for path in saved.parent.iterdir()) == [
         "again.safetensors",
         "x.safetensors",
@@ -70,7 +70,7 @@ def rewrite(path: Path, **changes: object) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "message"),
     [
         ({"card": {**CARD, "rate": 0.2}}, "changed after it was saved"),
         ({"version": 2}, "has version 2 of a thing, this swashtwin reads version 3; make it again"),
@@ -79,15 +79,15 @@ def rewrite(path: Path, **changes: object) -> None:
         ({"sha256": None}, "changed after it was saved"),
     ],
 )
-def test_an_edited_note_is_refused(saved, changes, words):
+def test_an_edited_note_is_refused(saved, changes, message):
     rewrite(saved, **changes)
-    with pytest.raises(ArtifactError, match=words) as caught:
+    with pytest.raises(ArtifactError, match=message) as caught:
         read(saved)
     assert len(str(caught.value)) < 300 + len(str(saved))
 
 
 @pytest.mark.parametrize(
-    ("metadata", "words"),
+    ("metadata", "message"),
     [
         (
             None,
@@ -109,9 +109,9 @@ def test_an_edited_note_is_refused(saved, changes, words):
         ({"swashtwin": '{"kind": "thing"}'}, "its card cannot be read"),
     ],
 )
-def test_other_and_former_files_are_refused_with_what_they_are(saved, metadata, words):
+def test_foreign_and_former_files_are_refused_by_format(saved, metadata, message):
     save_file(TENSORS, saved, metadata=metadata)
-    with pytest.raises(ArtifactError, match=words):
+    with pytest.raises(ArtifactError, match=message):
         read(saved)
 
 
@@ -158,6 +158,6 @@ def test_values_that_are_not_finite_are_neither_saved_nor_loaded(tmp_path, value
         '{"a": 1,}',
     ],
 )
-def test_json_that_is_no_number_or_no_json_is_refused(text):
+def test_invalid_json_and_numbers_that_are_not_finite_are_refused(text):
     with pytest.raises((ValueError, RecursionError)):
         parse_json(text)

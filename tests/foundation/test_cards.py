@@ -1,6 +1,4 @@
-"""A dataclass comes back from a table or an artifact as it was, or its entry that misfits is
-named.
-"""
+"""A dataclass is read back from a table or an artifact, or the entry that does not fit is named."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -63,7 +61,7 @@ def load(path: Path) -> Model:
     return load_artifact(path, Model, "model", 1, advice="train again", may_be_nan=["speed"])
 
 
-def test_a_dataclass_comes_back_from_an_artifact(tmp_path: Path) -> None:
+def test_a_dataclass_is_read_back_from_an_artifact(tmp_path: Path) -> None:
     model = load(save_artifact(tmp_path / "m.safetensors", "model", 1, MODEL, may_be_nan=["speed"]))
     assert (model.rate, model.levels.names) == (0.5, ("a", "b", "c"))
     np.testing.assert_array_equal(model.levels.level, MODEL.levels.level)
@@ -71,14 +69,14 @@ def test_a_dataclass_comes_back_from_an_artifact(tmp_path: Path) -> None:
     assert np.array_equal(model.weights["head.0.bias"], np.ones(2))
 
 
-def test_a_dataclass_comes_back_from_a_table() -> None:
+def test_a_dataclass_is_read_back_from_a_table() -> None:
     table = to_table(MODEL.levels)
     assert table == {"level": [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]], "names": ("a", "b", "c")}
     np.testing.assert_array_equal(from_table(table, Levels).level, MODEL.levels.level)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"rate": "fast"}, "rate: expected a number, got text"),
         ({"rate": None}, "rate: expected a number, got nothing"),
@@ -91,8 +89,8 @@ def test_a_dataclass_comes_back_from_a_table() -> None:
         ({"weights": 3}, "weights: expected a table, got a whole number"),
     ],
 )
-def test_a_card_that_misfits_is_refused_by_the_entry(
-    tmp_path: Path, change: dict, words: str
+def test_a_card_that_does_not_fit_is_refused_by_entry(
+    tmp_path: Path, change: dict, message: str
 ) -> None:
     path = save_artifact(tmp_path / "m.safetensors", "model", 1, MODEL, may_be_nan=["speed"])
     card, tensors = read_artifact(path, "model", 1, advice="", may_be_nan=["speed"])
@@ -100,7 +98,7 @@ def test_a_card_that_misfits_is_refused_by_the_entry(
 
     with pytest.raises(ArtifactError, match="does not fit this swashtwin") as caught:
         load(path)
-    assert words in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_an_unknown_entry_is_refused_with_the_likely_slip() -> None:

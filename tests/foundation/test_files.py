@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import swashtwin
 from swashtwin.foundation import InputError, atomic_write, derive_seed, random_stream, write_text
 
-WORDS = st.text(st.characters(exclude_characters="\x1f", exclude_categories=["Cs"]), max_size=8)
+NAMES = st.text(st.characters(exclude_characters="\x1f", exclude_categories=["Cs"]), max_size=8)
 
 
 def test_an_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
@@ -55,16 +55,16 @@ def test_a_folder_in_the_way_is_left_alone(tmp_path: Path) -> None:
 
 @given(
     seed=st.integers(0, 2**63),
-    purpose=st.lists(WORDS, max_size=3),
-    other=st.lists(WORDS, max_size=3),
+    purpose=st.lists(NAMES, max_size=3),
+    second=st.lists(NAMES, max_size=3),
 )
 def test_seeds_are_equal_only_for_the_same_purpose(
-    seed: int, purpose: list[str], other: list[str]
+    seed: int, purpose: list[str], second: list[str]
 ) -> None:
     derived = derive_seed(seed, *purpose)
     assert 0 <= derived < 2**63
     assert derived == derive_seed(seed, *purpose)
-    assert (derived == derive_seed(seed, *other)) == (purpose == other)
+    assert (derived == derive_seed(seed, *second)) == (purpose == second)
     assert derived != derive_seed(seed + 1, *purpose)
 
 
@@ -73,10 +73,10 @@ def test_seeds_are_the_same_on_every_machine() -> None:
 
 
 def test_streams_of_different_purposes_are_uncorrelated() -> None:
-    drawn = np.stack(
+    random_text = np.stack(
         [random_stream(0, "part", number).standard_normal(4000) for number in range(20)]
     )
-    correlation = np.corrcoef(drawn) - np.eye(20)
+    correlation = np.corrcoef(random_text) - np.eye(20)
 
     assert np.abs(correlation).max() < 5 / np.sqrt(4000)
 

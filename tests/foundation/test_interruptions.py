@@ -54,7 +54,7 @@ def writer(tmp_path: Path) -> "subprocess.Popen[bytes]":
         process.kill()
 
 
-def test_the_next_start_removes_what_a_killed_process_left(
+def test_the_next_start_removes_the_files_of_a_killed_process(
     tmp_path: Path, writer: "subprocess.Popen[bytes]"
 ) -> None:
     write_text(tmp_path / "b.txt", "whole")
@@ -72,26 +72,26 @@ def test_a_leftover_without_its_lock_is_removed_and_other_hidden_files_are_not(
     tmp_path: Path,
 ) -> None:
     (tmp_path / ".swashtwin-0123456789ab.part.h5").write_text("half")
-    others = {".swashtwin-settings", ".swashtwin-0123456789ab", ".a.h5"}
-    for name in others:
+    hidden_files = {".swashtwin-settings", ".swashtwin-0123456789ab", ".a.h5"}
+    for name in hidden_files:
         (tmp_path / name).write_text("mine")
 
     write_text(tmp_path / "a.txt", "whole")
-    assert set(os.listdir(tmp_path)) == {"a.txt", *others}
+    assert set(os.listdir(tmp_path)) == {"a.txt", *hidden_files}
 
 
-def test_a_file_is_replaced_although_windows_holds_it_for_a_moment(
+def test_a_file_is_replaced_after_windows_has_held_it_briefly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(atomic_files, "_IS_WINDOWS", True)
     monkeypatch.setattr(atomic_files, "_REPLACE_DELAYS_S", (0.0, 0.0))
-    real = Path.replace
+    replace_file = Path.replace
     refusals = [PermissionError(13, "in use"), PermissionError(13, "in use")]
 
     def busy(temporary: Path, target: Path) -> Path:
         if refusals:
             raise refusals.pop()
-        return real(temporary, target)
+        return replace_file(temporary, target)
 
     monkeypatch.setattr(Path, "replace", busy)
     assert write_text(tmp_path / "a.txt", "new").read_text() == "new"
@@ -100,14 +100,14 @@ def test_a_file_is_replaced_although_windows_holds_it_for_a_moment(
 
 @pytest.mark.parametrize("umask", [0o022, 0o027, 0o077])
 def test_files_have_the_permissions_of_the_users_umask(tmp_path: Path, umask: int) -> None:
-    before = os.umask(umask)
+    original_umask = os.umask(umask)
     try:
         write_text(tmp_path / "a.txt", "a")
         write_artifact(tmp_path / "a.safetensors", "kind", 1, {}, {"x": torch.zeros(1)})
         with atomic_write(tmp_path / "a.npz") as temporary:
             np.savez_compressed(temporary, x=np.zeros(1))
     finally:
-        os.umask(before)
+        os.umask(original_umask)
 
     names = ("a.txt", "a.safetensors", "a.npz")
     assert {(tmp_path / name).stat().st_mode & 0o777 for name in names} == {0o666 & ~umask}
@@ -129,7 +129,7 @@ def test_text_is_the_same_on_every_system_and_read_with_or_without_a_byte_order_
         read_text(path)
 
 
-def test_pieces_are_taken_up_under_equal_settings_only(tmp_path: Path) -> None:
+def test_a_folder_is_resumed_with_the_same_settings_only(tmp_path: Path) -> None:
     resume_folder(tmp_path / "rig", "rig.json", {"seed": 1})
     (tmp_path / "rig" / "piece").write_text("whole")
     resume_folder(tmp_path / "rig", "rig.json", {"seed": 1})
@@ -144,7 +144,7 @@ def test_pieces_are_taken_up_under_equal_settings_only(tmp_path: Path) -> None:
         resume_folder(tmp_path / "rig", "rig.json", {"seed": 1})
 
 
-def test_a_folder_that_was_killed_while_its_manifest_was_written_is_taken_up(
+def test_a_folder_is_resumed_if_the_process_was_killed_while_writing_its_manifest(
     tmp_path: Path, writer: "subprocess.Popen[bytes]"
 ) -> None:
     writer.kill()

@@ -27,17 +27,17 @@ def test_the_numbers_are_those_after_manual_seed_and_the_process_has_its_state()
     for draw in draws:
         torch.manual_seed(4)
         expected = draw()
-        before = torch.get_rng_state()
+        original = torch.get_rng_state()
         with TorchStream(4):
             assert torch.equal(draw(), expected)
 
-        assert torch.equal(torch.get_rng_state(), before)
+        assert torch.equal(torch.get_rng_state(), original)
 
 
 def test_a_generator_that_is_named_is_used():
     with TorchStream(0):
-        drawn = torch.rand(2, generator=torch.Generator().manual_seed(7))
-    assert torch.equal(drawn, torch.rand(2, generator=torch.Generator().manual_seed(7)))
+        sample = torch.rand(2, generator=torch.Generator().manual_seed(7))
+    assert torch.equal(sample, torch.rand(2, generator=torch.Generator().manual_seed(7)))
 
 
 def test_the_dropout_of_a_gpu_keeps_the_mean_and_its_gradient_follows_the_mask():
@@ -54,9 +54,9 @@ def test_the_dropout_of_a_gpu_keeps_the_mean_and_its_gradient_follows_the_mask()
 def test_one_thread_concerns_the_calling_thread_only():
     torch.set_num_threads(2)
     try:
-        with one_thread(), ThreadPoolExecutor(1) as other:
+        with one_thread(), ThreadPoolExecutor(1) as second:
             assert torch.get_num_threads() == 1
-            assert other.submit(torch.get_num_threads).result() == 2
+            assert second.submit(torch.get_num_threads).result() == 2
 
         assert torch.get_num_threads() == 2
     finally:
@@ -66,13 +66,13 @@ def test_one_thread_concerns_the_calling_thread_only():
 def test_threads_that_draw_at_once_get_the_numbers_of_one_thread():
     barrier = Barrier(8)
 
-    def drawn(seed: int) -> torch.Tensor:
+    def sample(seed: int) -> torch.Tensor:
         barrier.wait(timeout=10)
         with TorchStream(seed):
             return torch.cat([torch.rand(10) for _ in range(20)])
 
     with ThreadPoolExecutor(8) as threads:
-        together = list(threads.map(drawn, range(8)))
+        together = list(threads.map(sample, range(8)))
     for seed, numbers in enumerate(together):
         torch.manual_seed(seed)
         assert torch.equal(numbers, torch.cat([torch.rand(10) for _ in range(20)]))

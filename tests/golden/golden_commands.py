@@ -16,21 +16,21 @@ AT_15 = "--speed '860 rpm' --pressure '15 MPa'"
 RECESS = "--fault swash_plate:length=30mm,width=24mm,depth=0.07mm"
 GAUSS_NEWTON = "--method gauss-newton --set starts=1 --set nuisances=none --set phases=false"
 NETWORK = (
-    "--network spectral_bitcn --set epochs=12 --set batch_size=16 --set channels=8,8 --set dilations=1,2 "
-    "--set hidden=16"
+    "--network spectral_bitcn --set epochs=12 --set batch_size=16 "
+    "--set channels=8,8 --set dilations=1,2 --set hidden=16"
 )
-WORN = "recordings/A_swash_plate_15MPa_1.h5"
+FAULTY_RECORDING = "recordings/A_swash_plate_15MPa_1.h5"
 
 
 @dataclass(frozen=True)
 class Command:
     """A command of the command line."""
 
-    words: str
-    """What is typed after ``swashtwin``, quoted as in a shell, without ``--json``; paths are those
-    in the workspace.
+    line: str
+    """Arguments after ``swashtwin``, quoted as in a shell, without ``--json``; paths are those in
+    the workspace.
     """
-    after: tuple[str, ...] = ()
+    requires: tuple[str, ...] = ()
     """Commands whose files it reads, by name in `COMMANDS`."""
     rtol: float = 1e-6
     """Relative tolerance of its numbers."""
@@ -39,43 +39,52 @@ class Command:
 
 
 SEARCHED: dict[str, float] = {"rtol": 1e-4, "atol": 1e-9}
-"""Tolerances of what a search ends at."""
+"""Tolerances of the result of a search."""
 LEARNED: dict[str, float] = {"rtol": 1e-3, "atol": 5e-4}
-"""Tolerances of what a network learned: they are probabilities and losses."""
+"""Tolerances of probabilities and losses of a trained network."""
 
 COMMANDS: dict[str, Command] = {
     "inspect": Command("inspect pair.toml"),
     "split": Command("data split pair.toml --out split --test-fraction 0.5"),
     "features": Command("signal features worn.toml --pistons 7 --out features.csv", atol=1e-12),
-    "spectrum_order": Command(f"signal spectrum {WORN} --kind order --pistons 7 --out order.svg"),
+    "spectrum_order": Command(
+        f"signal spectrum {FAULTY_RECORDING} --kind order --pistons 7 --out order.svg"
+    ),
     "trend": Command("signal trend specimen.toml --baseline 'A_[npv]*' --out trend.svg"),
     "calibrate": Command(
         f"calibrate split/train.toml --specimen A {AT_15} {RECESS} {GAUSS_NEWTON} --out worn.json",
-        after=("split",),
+        requires=("split",),
         **SEARCHED,
     ),
     "calibrate_healthy": Command(
-        f"calibrate pair.toml {AT_15} {GAUSS_NEWTON} --specimen A --band '0-1 kHz' --out healthy.json",
+        f"calibrate pair.toml {AT_15} {GAUSS_NEWTON} --specimen A --band '0-1 kHz' "
+        "--out healthy.json",
         **SEARCHED,
     ),
     "severity": Command(
-        f"twin severity healthy.json wear.toml {RECESS}", after=("calibrate_healthy",), **SEARCHED
+        f"twin severity healthy.json wear.toml {RECESS}",
+        requires=("calibrate_healthy",),
+        **SEARCHED,
     ),
     "synthesize": Command(
-        "synthesize worn.json --like split/train.toml --window 2048 --count 3 --out synthetic.safetensors",
-        after=("calibrate",),
+        "synthesize worn.json --like split/train.toml --window 2048 --count 3 "
+        "--out synthetic.safetensors",
+        requires=("calibrate",),
     ),
     "train": Command(
-        f"train split/train.toml --add synthetic.safetensors --test-fraction 0 --out model.safetensors {NETWORK}",
-        after=("synthesize",),
+        "train split/train.toml --add synthetic.safetensors --test-fraction 0 "
+        f"--out model.safetensors {NETWORK}",
+        requires=("synthesize",),
         **LEARNED,
     ),
-    "evaluate": Command("evaluate model.safetensors pair.toml", after=("train",), **LEARNED),
+    "evaluate": Command("evaluate model.safetensors pair.toml", requires=("train",), **LEARNED),
     "diagnose": Command(
-        f"diagnose model.safetensors {WORN} --report diagnosis", after=("train",), **LEARNED
+        f"diagnose model.safetensors {FAULTY_RECORDING} --report diagnosis",
+        requires=("train",),
+        **LEARNED,
     ),
 }
-"""Commands by a name that stays, whatever they are called: that of their golden file."""
+"""Commands by the name of their golden file, which stays if a command is renamed."""
 
 VOLATILE = frozenset(
     {
@@ -121,31 +130,31 @@ class Workspace:
         write_workspace(plant, folder)
 
     def answer(self, name: str) -> Any:
-        """What the command `name` of `COMMANDS` answers, as far as it is compared."""
+        """Return what is compared of the answer of the command `name` of `COMMANDS`."""
         if name not in self._answers:
             command = COMMANDS[name]
-            for earlier in command.after:
+            for earlier in command.requires:
                 self.answer(earlier)
 
             with contextlib.chdir(self.folder):
-                self._answers[name] = self._compared(run_json(*shlex.split(command.words)))
+                self._answers[name] = self._compared(run_json(*shlex.split(command.line)))
 
         return self._answers[name]
 
     def _compared(self, value: Any) -> Any:
         if isinstance(value, dict):
             return {
-                key: count_of(item) if key in PROSE else self._compared(item)
-                for key, item in value.items()
+                key: count_of(entry) if key in PROSE else self._compared(entry)
+                for key, entry in value.items()
                 if key not in VOLATILE
             }
         if isinstance(value, list):
-            return [self._compared(item) for item in value]
+            return [self._compared(entry) for entry in value]
         is_path = isinstance(value, str) and "/" in value and Path(value).exists()
 
         return Path(value).name if is_path else value
 
 
 def count_of(sentences: Any) -> Any:
-    """How many sentences there are: of a list its length, of a text whether there is one."""
+    """Return the number of sentences in a list, or if there is a text at all."""
     return len(sentences) if isinstance(sentences, list) else bool(sentences)

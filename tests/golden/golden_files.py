@@ -31,9 +31,9 @@ def load_golden(name: str) -> Any:
 def rounded(value: Any) -> Any:
     """The value with its floating-point numbers rounded to `DIGITS` significant digits."""
     if isinstance(value, dict):
-        return {key: rounded(item) for key, item in value.items()}
+        return {key: rounded(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [rounded(item) for item in value]
+        return [rounded(entry) for entry in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 

@@ -131,7 +131,7 @@ def classifiers(plant: Sequence[Recording], folder: Path) -> dict[str, Any]:
 def extra_trees(plant: Sequence[Recording]) -> list[Any]:
     """Probabilities that extremely randomized trees give to a few windows of other pumps."""
     windows = cut_windows(pair_recordings(plant), length=2048)
-    others = [
+    remaining = [
         recording
         for recording in plant
         if recording.specimen == "C" and recording.label in windows.classes
@@ -140,7 +140,7 @@ def extra_trees(plant: Sequence[Recording]) -> list[Any]:
     trees = fit(network, windows, settings=TrainingSettings(epochs=1, normalization="none"), seed=0)
 
     return trees.predict_proba(
-        every_tenth(cut_windows(others, length=2048, classes=windows.classes))
+        every_tenth(cut_windows(remaining, length=2048, classes=windows.classes))
     ).tolist()
 
 

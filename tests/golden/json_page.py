@@ -37,15 +37,16 @@ def page_text() -> str:
     """The page."""
     parts: dict[str, str] = {}
     for name, command in COMMANDS.items():
-        words = " ".join(takewhile(lambda word: "." not in word, command.words.split()))
+        description = " ".join(takewhile(lambda word: "." not in word, command.words.split()))
         parts.setdefault(
-            words, f"## `{words}`\n```\n{_lines(load_golden(f'answer_{name}'), {})}\n```\n"
+            description,
+            f"## `{description}`\n```\n{_lines(load_golden(f'answer_{name}'), {})}\n```\n",
         )
 
     return "\n".join([_INTRODUCTION, *parts.values()])
 
 
-def _lines(value: Any, shown: dict[frozenset[str], str], key: str = "", indent: str = "") -> str:
+def _lines(value: Any, listed: dict[frozenset[str], str], key: str = "", indent: str = "") -> str:
     """Keys and kinds of a value, those of an object in lines of their own where they are many, and
     once.
 
@@ -56,17 +57,17 @@ def _lines(value: Any, shown: dict[frozenset[str], str], key: str = "", indent: 
     if key in PROSE:
         return "text" if isinstance(value, bool) else "[text]"
     if isinstance(value, list):
-        return f"[{_of_all(value, shown, indent)}]"
+        return f"[{_of_all(value, listed, indent)}]"
     if not isinstance(value, dict):
         return _kind(value)
-    if len(value) > 9 and all(isinstance(item, float) for item in value.values()):
+    if len(value) > 9 and all(isinstance(entry, float) for entry in value.values()):
         return f'{{"{next(iter(value))}": number, ...}}'
     keys = frozenset(value)
-    if len(value) > 3 and keys in shown:
-        return f"as `{shown[keys]}`"
-    shown[keys] = key
+    if len(value) > 3 and keys in listed:
+        return f"as `{listed[keys]}`"
+    listed[keys] = key
     inner = [
-        f'"{name}": {_lines(item, shown, name, f"{indent}  ")}' for name, item in value.items()
+        f'"{name}": {_lines(item, shown, name, f"{indent}  ")}' for name, entry in value.items()
     ]
     text = "{" + ", ".join(inner) + "}"
     if len(indent) + len(text) <= 100 and "\n" not in text:
@@ -76,12 +77,12 @@ def _lines(value: Any, shown: dict[frozenset[str], str], key: str = "", indent: 
     return f"{{{lines}\n{indent}}}"
 
 
-def _of_all(values: Sequence[Any], shown: dict[frozenset[str], str], indent: str) -> str:
+def _of_all(values: Sequence[Any], listed: dict[frozenset[str], str], indent: str) -> str:
     """Kind of the entries of a list: of the longest, or of each where they are numbers and
     words.
     """
     if any(isinstance(value, dict | list) for value in values):
-        return _lines(max(values, key=lambda value: len(value or ())), shown, "", indent)
+        return _lines(max(values, key=lambda value: len(value or ())), listed, "", indent)
     return " or ".join(dict.fromkeys(map(_kind, values)))
 
 

@@ -28,12 +28,12 @@ def trend(recordings: list[Recording], **options: object):  # type: ignore[no-un
 
 
 def test_a_louder_machine_is_flagged_against_its_own_baseline() -> None:
-    worn = [
+    test_recordings = [
         pump(1.5, "worn", 7, label="piston"),
         pump(1.01, "fine", 8, label="piston"),
         pump(0.5, "quiet", 9),
     ]
-    result = trend([*fleet(HEALTHY), *worn])
+    result = trend([*fleet(HEALTHY), *test_recordings])
 
     assert {
         point.row.recording_id: point.status for point in result.points if not point.healthy
@@ -53,15 +53,15 @@ def test_a_healthy_recording_is_not_in_its_own_baseline() -> None:
     assert result.points[-1].median < 1.05
 
 
-def test_another_machine_or_operating_point_has_no_part_in_a_baseline() -> None:
+def test_a_baseline_excludes_other_machines_and_operating_points() -> None:
     healthy = fleet(HEALTHY)
-    others = [
+    different = [
         pump(1.0, "other machine", 5, specimen="P2"),
         pump(1.0, "other pressure", 6, condition=OperatingCondition(2 * np.pi * SHAFT, MPa(10))),
         pump(1.0, "other speed", 7, condition=OperatingCondition(rpm(950), MPa(15))),
         pump(1.0, "almost that speed", 8, condition=OperatingCondition(rpm(905), MPa(15))),
     ]
-    result = trend([*healthy, *others])
+    result = trend([*healthy, *different])
 
     assert {point.row.recording_id for point in result.points if point.status == "no baseline"} == {
         "other machine",
@@ -86,7 +86,7 @@ def test_a_trend_goes_by_date_or_by_name() -> None:
         trend(fleet(HEALTHY), by="time")
 
 
-def test_what_has_no_trend_is_said() -> None:
+def test_a_trend_without_a_baseline_or_with_invalid_options_is_refused() -> None:
     with pytest.raises(DataError, match="No recording is healthy"):
         trend([pump(label="piston")])
     with pytest.raises(InputError, match="k "):

@@ -33,14 +33,14 @@ from swashtwin.signals.waveform_statistics import (
 
 
 def kurtogram(signal: np.ndarray, **options: float) -> Kurtogram:
-    """That of one channel."""
+    """Return the kurtogram of one channel."""
     return kurtograms(signal[None], RATE, **options)[0]
 
 
 def bursts(
     every: float = 1 / 40, ring: float = 3000.0, noise: float = 0.2, seed: int = 0
 ) -> np.ndarray:
-    """Decaying ringing at `ring` [Hz], struck every so many seconds, in white noise."""
+    """Return decaying ringing at `ring` [Hz], excited once in `every` [s], in white noise."""
     rng = np.random.default_rng(seed)
     strikes = np.zeros(len(TIME))
     strikes[(np.arange(0, TIME[-1], every) * RATE).astype(int)] = 1
@@ -59,10 +59,10 @@ def test_the_velocity_of_a_sine_is_its_amplitude_over_its_angular_frequency(
     frequency: float, amplitude: float, phase: float, offset: float
 ) -> None:
     signal = amplitude * (offset + np.sin(2 * np.pi * frequency * TIME + phase))
-    wanted = amplitude / (2 * np.pi * frequency) / math.sqrt(2)
+    expected = amplitude / (2 * np.pi * frequency) / math.sqrt(2)
 
     assert band_rms(signal[None], RATE, 10, 1000, of_velocity=True)[0] == pytest.approx(
-        wanted, rel=0.02 if frequency < 13 else 0.004
+        expected, rel=0.02 if frequency < 13 else 0.004
     )
 
 
@@ -78,7 +78,7 @@ def test_the_energies_of_bands_that_share_an_edge_add_up_to_the_whole() -> None:
     assert band_rms(noise, RATE, 1000, 2000) == pytest.approx([math.sqrt(0.2)] * 2, rel=0.05)
 
 
-def test_the_kurtogram_of_noise_scatters_about_zero_as_it_says() -> None:
+def test_the_kurtogram_of_noise_scatters_about_zero_with_its_deviation() -> None:
     scores = []
     for seed in range(4):
         result = kurtogram(np.random.default_rng(seed).standard_normal(40000))
@@ -90,17 +90,15 @@ def test_the_kurtogram_of_noise_scatters_about_zero_as_it_says() -> None:
     assert 0.8 < scores.std() < 1.5
 
 
-def test_the_kurtosis_of_a_sine_is_minus_one_and_of_the_whole_band_that_of_the_analytic_signal() -> (
-    None
-):
+def test_the_kurtosis_is_that_of_the_analytic_signal_and_minus_one_for_a_sine() -> None:
     sine = np.sin(2 * np.pi * 1100 * TIME)
     assert kurtogram(sine).kurtosis[0] == pytest.approx(-1, abs=0.01)
 
     signal = bursts()
     power = np.abs(scipy.signal.hilbert(signal - signal.mean()))[40:-40] ** 2
-    wanted = (power**2).mean() / power.mean() ** 2 - 2
+    expected = (power**2).mean() / power.mean() ** 2 - 2
 
-    assert kurtogram(signal).kurtosis[0] == pytest.approx(wanted, rel=0.02)
+    assert kurtogram(signal).kurtosis[0] == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize("ring", [1200.0, 3000.0, 4300.0])
@@ -129,13 +127,13 @@ def test_statistics_of_blocks_are_the_time_statistics() -> None:
     )
 
 
-def test_the_automatic_envelope_shows_the_rhythm_of_the_blows() -> None:
+def test_the_automatic_envelope_shows_the_frequency_of_the_impacts() -> None:
     frequency, amplitude, _ = envelope_spectrum(bursts(noise=0.1)[None], RATE)
     low = frequency < 300
     assert frequency[low][amplitude[0, low].argmax()] == pytest.approx(40, abs=0.3)
 
 
-def test_a_table_holds_what_scipy_says_of_each_channel() -> None:
+def test_a_table_has_the_statistics_of_scipy_for_each_channel() -> None:
     recording = pump()
     table = indicators_of(recording, pistons=7)
     row = recording.signal - recording.signal.mean(axis=1, keepdims=True)
@@ -182,7 +180,7 @@ def test_a_short_recording_has_gaps_and_no_error() -> None:
     assert np.isfinite(table.column("rms")[1]).all()
 
 
-def test_what_no_table_can_be_made_of_is_said() -> None:
+def test_invalid_families_pistons_and_indicators_are_refused() -> None:
     with pytest.raises(InputError, match="no family of indicators 'speed'"):
         indicators_of(pump(), families=("speed",))
     with pytest.raises(InputError, match="pistons"):
@@ -194,7 +192,7 @@ def test_what_no_table_can_be_made_of_is_said() -> None:
 
 
 @pytest.mark.parametrize(("kind", "position"), [("amplitude", 105.0), ("order", 7.0)])
-def test_the_piston_line_stands_where_the_mark_is(kind: str, position: float) -> None:
+def test_the_piston_line_is_at_its_mark(kind: str, position: float) -> None:
     spectrum = spectrum_of(pump(), kind, pistons=7)  # type: ignore[arg-type]
     assert spectrum.position[spectrum.amplitude[0].argmax()] == pytest.approx(position, rel=0.002)
     assert spectrum.amplitude[0].max() == pytest.approx(1, rel=0.05)
@@ -208,7 +206,7 @@ def test_an_envelope_band_beyond_half_the_sample_rate_is_refused() -> None:
             spectrum_of(pump(), "envelope", band=band)
 
 
-def test_a_long_recording_is_described_in_stretches_and_its_statistics_are_those_of_all_samples(
+def test_the_statistics_of_a_long_recording_in_stretches_are_those_of_all_samples(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     time = np.arange(200_000) / RATE
@@ -231,7 +229,7 @@ def test_a_long_recording_is_described_in_stretches_and_its_statistics_are_those
         assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=0.05)
 
 
-def test_the_orders_are_those_that_the_maker_prints() -> None:
+def test_the_defect_orders_are_those_of_the_maker() -> None:
     # CWRU's page, drive end (SKF 6205) and fan end (SKF 6203)
     assert defect_orders(9, 0.3126 / 1.537) == pytest.approx(
         (5.4152, 3.5848, 4.7135, 0.39828), rel=1e-4
@@ -246,6 +244,6 @@ def test_a_contact_angle_slows_the_ball_less_than_the_other_rhythms() -> None:
 
 
 @pytest.mark.parametrize(("bodies", "ratio"), [(2, 0.2), (9, 0.0), (9, 1.2)])
-def test_a_bearing_that_cannot_be_is_refused(bodies: int, ratio: float) -> None:
+def test_an_impossible_bearing_is_refused(bodies: int, ratio: float) -> None:
     with pytest.raises(InputError, match="bearing"):
         defect_orders(bodies, ratio)

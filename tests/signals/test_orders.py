@@ -123,7 +123,7 @@ def test_the_stated_error_is_the_error_that_noise_makes() -> None:
     true = shaft_speed(start=14, end=14.5)
     inside = slice(1000, -1000)
     errors = []
-    stated = []
+    specified = []
 
     for seed in range(6):
         angle = track_shaft_angle(
@@ -131,9 +131,9 @@ def test_the_stated_error_is_the_error_that_noise_makes() -> None:
         )
         error = (angle.angle - true)[inside]
         errors.append((error - error.mean()).std())
-        stated.append(angle.deviation)
+        specified.append(angle.deviation)
 
-    assert np.mean(stated) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.35)
+    assert np.mean(specified) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.35)
 
 
 def test_noise_without_a_line_is_not_followed() -> None:
@@ -260,7 +260,7 @@ def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> N
 # ---- the angle from the piston-pass lines
 
 SECONDS = 6.0
-STATED = 15.0
+SPECIFIED = 15.0
 TIME = np.arange(int(SECONDS * RATE)) / RATE
 
 
@@ -271,13 +271,13 @@ def recording_of(signal: np.ndarray) -> Recording:
         (signal + noise)[None],
         RATE,
         "one",
-        condition=OperatingCondition(2 * np.pi * STATED, MPa(15)),
+        condition=OperatingCondition(2 * np.pi * SPECIFIED, MPa(15)),
     )
 
 
 @pytest.mark.parametrize("off", [-0.015, 0.015])
 def test_sidebands_do_not_pass_for_a_piston_line(off: float) -> None:
-    shaft = STATED * (1 + off)
+    shaft = SPECIFIED * (1 + off)
     angle = 2 * np.pi * shaft * TIME
     lines = [
         0.33 * np.cos(7 * k * angle) + 0.4 * np.cos((7 * k - np.sign(off)) * angle)
@@ -315,6 +315,6 @@ def test_a_run_up_is_followed_along_the_speed_that_it_states(off: float) -> None
 def test_a_recording_without_an_angle_is_refused_with_the_reason(
     changes: dict[str, Any], reason: str
 ) -> None:
-    recording = replace(recording_of(np.cos(2 * np.pi * 7 * STATED * TIME)), **changes)
+    recording = replace(recording_of(np.cos(2 * np.pi * 7 * SPECIFIED * TIME)), **changes)
     with pytest.raises((DataError, InputError), match=reason):
         piston_pass_angle(recording, 7)

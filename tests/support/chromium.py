@@ -1,6 +1,4 @@
-"""A real Chromium, in which pages are looked at; whoever imports this is skipped where there is
-none.
-"""
+"""A real Chromium for tests of pages; a module that imports this is skipped without one."""
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -45,31 +43,31 @@ def tabs(browser: Any, address: str, **settings: Any) -> Iterator[Any]:
     page = context.new_page()
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda said: errors.append(said.text) if _is_error(said) else None)
+    page.on("console", lambda message: errors.append(message.text) if _is_error(message) else None)
     yield page
     context.close()
 
     assert errors == []
 
 
-def _is_error(said: Any) -> bool:
-    return said.type == "error" and "the server responded with a status of" not in said.text
+def _is_error(message: Any) -> bool:
+    return message.type == "error" and "the server responded with a status of" not in message.text
 
 
 def check_phone(
-    browser: Any, address: str, places: Iterable[str], enter: Callable[[Any, str], None]
+    browser: Any, address: str, addresses: Iterable[str], enter: Callable[[Any, str], None]
 ) -> None:
     """No place scrolls sideways on a phone."""
     for tab in tabs(browser, address, **PHONE):
-        for place in places:
-            enter(tab, place)
-            assert tab.evaluate("document.documentElement.scrollWidth") <= 390, place
+        for page_address in addresses:
+            enter(tab, page_address)
+            assert tab.evaluate("document.documentElement.scrollWidth") <= 390, page_address
 
 
 def check_access(
     browser: Any,
     address: str,
-    places: Iterable[str],
+    addresses: Iterable[str],
     enter: Callable[[Any, str], None],
     scheme: str,
 ) -> None:
@@ -79,12 +77,11 @@ def check_access(
     ).Axe()
 
     for tab in tabs(browser, address, color_scheme=scheme):
-        for place in places:
-            enter(tab, place)
-            serious = {
-                violation["id"]: [node["html"][:200] for node in violation["nodes"]]
-                for violation in axe.run(tab).response["violations"]
-                if violation["impact"] in ("serious", "critical")
-            }
-
-            assert serious == {}, place
+        for page_address in addresses:
+            enter(tab, page_address)
+            serious = {}
+            for violation in axe.run(tab).response["violations"]:
+                if violation["impact"] in ("serious", "critical"):
+                    nodes = [node["html"][:200] for node in violation["nodes"]]
+                    serious[violation["id"]] = nodes
+            assert serious == {}, page_address

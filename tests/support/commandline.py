@@ -49,9 +49,9 @@ def write_tones(folder: Path, count: int) -> Path:
     return folder
 
 
-def run(*words: object, code: int = 0) -> Result:
+def run(*arguments: object, code: int = 0) -> Result:
     """What a command printed, after it ended with `code`."""
-    result = CliRunner().invoke(app, [str(word) for word in words])
+    result = CliRunner().invoke(app, [str(word) for word in arguments])
     if result.exit_code == INTERRUPTED != code:
         raise KeyboardInterrupt  # Ctrl-C ends the tests, not the command alone
 
@@ -62,9 +62,9 @@ def run(*words: object, code: int = 0) -> Result:
     return result
 
 
-def run_json(*words: object, code: int = 0) -> dict[str, Any]:
+def run_json(*arguments: object, code: int = 0) -> dict[str, Any]:
     """The one JSON object that a command printed."""
-    answer = json.loads(run(*words, "--json", code=code).stdout)
+    answer = json.loads(run(*arguments, "--json", code=code).stdout)
     assert isinstance(answer, dict)
     return answer
 

@@ -29,13 +29,12 @@ class FrontDoor(Contract):
     type_name = "front_door"
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        trespasses = [
-            (importer, imported)
-            for importer in sorted(graph.modules)
-            for imported in sorted(graph.find_modules_directly_imported_by(importer))
-            if _room(importer) != _room(imported) and imported != _room(imported)
-        ]
-
+        trespasses = []
+        for importer in sorted(graph.modules):
+            for imported in sorted(graph.find_modules_directly_imported_by(importer)):
+                is_door = imported == _room(imported)
+                if not is_door and _room(importer) != _room(imported):
+                    trespasses.append((importer, imported))
         return ContractCheck(kept=not trespasses, metadata={"trespasses": trespasses})
 
     def render_broken_contract(self, check: ContractCheck) -> None:
@@ -58,13 +57,10 @@ class DoorNames(Contract):
     forbidden = fields.ListField(fields.StringField())
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        imports = [
-            (module, home)
-            for module in sorted(graph.find_descendants(self.source))
-            for home in sorted(set(_homes(module)))
-            if self._refuses(home)
-        ]
-
+        imports = []
+        for module in sorted(graph.find_descendants(self.source)):
+            homes = sorted(set(_homes(module)))
+            imports.extend((module, home) for home in homes if self._refuses(home))
         return ContractCheck(kept=not imports, metadata={"imports": imports})
 
     def _refuses(self, home: str) -> bool:
@@ -123,7 +119,7 @@ def _tree(module: str) -> ast.Module:
 
 @cache
 def _file(module: str) -> Path | None:
-    """Door of a room, or source of a module; None where it is of another package."""
+    """Return the door of a room or the source of a module; None for a module of another package."""
     root, *names = module.split(".")
     if root not in ("swashtwin", "swashtwin_bench"):
         return None

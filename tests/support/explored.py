@@ -11,9 +11,9 @@ WORN = "recordings/A_swash_plate_15MPa_1.h5"
 
 def token(client: TestClient) -> str:
     """What the page's script sends with each change."""
-    found = re.search(r'name="token" content="([\w-]+)"', client.get("/").text)
-    assert found
-    return found[1]
+    match = re.search(r'name="token" content="([\w-]+)"', client.get("/").text)
+    assert match
+    return match[1]
 
 
 def send(client: TestClient, path: str, content: object) -> Response:

@@ -73,7 +73,7 @@ def free_port() -> int:
 
 
 def wait_for(condition: Callable[[], object], seconds: float = 60) -> None:
-    """Wait until something holds, and fail where it does not in time."""
+    """Wait until a condition holds, and fail if it does not in time."""
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "did not happen in time"

@@ -32,7 +32,7 @@ class Plant:
         self._folder = folder
 
     def _built(self, name: str, build: Callable[[Path], object]) -> Path:
-        """A file or folder of this name, built where it is not there yet."""
+        """Return a file or folder of this name, which is built if it does not exist."""
         path = self._folder / name
         mark = self._folder / f".{name}.done"
         with (self._folder / f".{name}.lock").open("w") as lock:

@@ -13,7 +13,10 @@ from swashtwin.recordings import Recording
 from swashtwin_bench.results.result import build_score_row
 from swashtwin_bench.results.runs import FORMAT, Task
 
-ORIGIN = "Recordings of the swashtwin virtual rig: a stand-in for a machine; no figure here says how well it works."
+ORIGIN = (
+    "Recordings of the swashtwin virtual rig: a stand-in for a machine; "
+    "no figure here says how well it works."
+)
 
 
 class Guesser:
@@ -23,29 +26,24 @@ class Guesser:
     manifest = ("trained on",)
 
     def __init__(self, skill: float, seed: int) -> None:
-        self.skill, self.seed = skill, seed
+        self.skill = skill
+        self.seed = seed
 
     def predict_proba(self, windows: WindowSet) -> np.ndarray:
         draw = random_stream(self.seed, "guess", self.skill)
         right = draw.random(len(windows)) < self.skill
-        other = (windows.target + draw.integers(1, len(CLASSES), len(windows))) % len(CLASSES)
-        return np.eye(len(CLASSES))[np.where(right, windows.target, other)] * 0.9 + 0.02
+        wrong = (windows.target + draw.integers(1, len(CLASSES), len(windows))) % len(CLASSES)
+        return np.eye(len(CLASSES))[np.where(right, windows.target, wrong)] * 0.9 + 0.02
 
 
 def windows(labels: tuple[str, ...] = CLASSES) -> WindowSet:
     condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
-    recordings = [
-        Recording(
-            random_stream(i, label).normal(size=(1, 400)),
-            1000.0,
-            f"{label} {i}",
-            label=label,
-            condition=condition,
-        )
-        for label in labels
-        for i in range(3)
-    ]
-
+    recordings = []
+    for label in labels:
+        for number in range(3):
+            signal = random_stream(number, label).normal(size=(1, 400))
+            name = f"{label} {number}"
+            recordings.append(Recording(signal, 1000.0, name, label=label, condition=condition))
     return cut_windows(recordings, length=80, classes=CLASSES)
 
 
@@ -56,9 +54,14 @@ def scored(
 
 
 def run(
-    name: str, seed: int, skill: float, classifier: str = "spectral_bitcn", splits: tuple[str, ...] = ("L2", "L4"),
-    study: str = "case1", **changes: Any,
-) -> dict[str, Any]:  # fmt: skip
+    name: str,
+    seed: int,
+    skill: float,
+    classifier: str = "spectral_bitcn",
+    splits: tuple[str, ...] = ("L2", "L4"),
+    study: str = "case1",
+    **changes: Any,
+) -> dict[str, Any]:
     """A run of the training set `name`, whose classifier is right with the probability `skill`."""
     factors = {"classifier": classifier, "training_set": name}
     is_network = classifier == "spectral_bitcn"
@@ -71,19 +74,32 @@ def run(
     task = Task(study, seed, factors, settings, "data", "quick")
     scores = {split: scored(skill, seed, split) for split in splits}
     rows = [
-        {"split": at, "repeat": 0, **build_score_row(each, each.recall["swash_plate"])}
-        for at, each in scores.items()
+        {"split": split, "repeat": 0, **build_score_row(result, result.recall["swash_plate"])}
+        for split, result in scores.items()
     ]
 
+    history = [asdict(Epoch(number, 1.5 / number, 1 - 0.8 / number)) for number in range(1, 6)]
+
     return {
-        "format": FORMAT, "key": task.key, **asdict(task), "rows": rows, "classes": list(CLASSES),
-        "history": [asdict(Epoch(i, 1.5 / i, 1 - 0.8 / i)) for i in range(1, 6)] if is_network else [], "values": {},
+        "format": FORMAT,
+        "key": task.key,
+        **asdict(task),
+        "rows": rows,
+        "classes": list(CLASSES),
+        "history": history if is_network else [],
+        "values": {},
         "roles": {"train": ["trained on"], **{split: ["tested on"] for split in splits}},
         "sha256": {"train": "0" * 64},
-        "cells": {"train": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}}, "calibrations": [],
-        "origin": ORIGIN, "command": "swashtwin bench study case1 --seeds 0,1", "wall_s": 1.0, "cpu_s": 1.0,
-        "device": "cpu", "features": features(name) if is_network else None, **changes,
-    }  # fmt: skip
+        "cells": {"train": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}},
+        "calibrations": [],
+        "origin": ORIGIN,
+        "command": "swashtwin bench study case1 --seeds 0,1",
+        "wall_s": 1.0,
+        "cpu_s": 1.0,
+        "device": "cpu",
+        "features": features(name) if is_network else None,
+        **changes,
+    }
 
 
 def features(name: str) -> dict[str, list[Any]]:

@@ -15,14 +15,14 @@ PUMPS = 40
 
 
 def write_prior(path: Path, healthy: Recording, worn: Recording) -> Path:
-    """Path of a prior whose piston wear changes levels as from one recording to the other, and
-    whose cylinder block changes them the other way round.
+    """Write a prior whose piston wear changes band powers as from `healthy` to `worn`.
+
+    Its cylinder block fault changes the bands in reverse order.
     """
     rng = np.random.default_rng(0)
     pump = load_pump("25scy14-1b")
-    step = np.nan_to_num(
-        np.subtract(*(order_band_powers(item, OrderBands(PISTONS)) for item in (worn, healthy)))
-    )
+    bands = OrderBands(PISTONS)
+    step = np.nan_to_num(order_band_powers(worn, bands) - order_band_powers(healthy, bands))
     classes = {"normal": 0 * step, "piston": step, "cylinder_block": step[:, ::-1], "other": -step}
     sizes = np.exp(rng.normal(0, 0.3, (PUMPS, 1, 1)))
     change = np.concatenate([sizes * course for course in classes.values()])

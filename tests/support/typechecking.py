@@ -17,7 +17,8 @@ _convert = msgspec.convert
 @wraps(_convert)
 def _convert_apart(*args: Any, **settings: Any) -> Any:
     """Axes of the parts of a saved thing are named in each part: none binds that of another."""
-    outer, _shape_storage.memo_stack = getattr(_shape_storage, "memo_stack", []), []
+    outer = getattr(_shape_storage, "memo_stack", [])
+    _shape_storage.memo_stack = []
     try:
         return _convert(*args, **settings)
     finally:

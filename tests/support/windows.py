@@ -46,14 +46,14 @@ def _hide() -> None:
     real_import = builtins.__import__
     modules = {name: _Module(name, real_import(name)) for name in {*FUNCTIONS, *REPLACED}}
 
-    def import_(name: str, globals: Any = None, *others: Any, **options: Any) -> Any:
+    def import_(name: str, globals: Any = None, *arguments: Any, **options: Any) -> Any:
         if (globals or {}).get("__name__", "").startswith("swashtwin"):
             if name.partition(".")[0] in MODULES:
                 raise ImportError(f"{name} is not there on Windows")
             if name in modules:
                 return modules[name]
 
-        return real_import(name, globals, *others, **options)
+        return real_import(name, globals, *arguments, **options)
 
     builtins.__import__ = import_
 

@@ -1,4 +1,4 @@
-"""Fidelity of synthetic windows: each metric where its answer is known."""
+"""Fidelity of synthetic windows: each metric in a case with a known answer."""
 
 from dataclasses import replace
 
@@ -74,9 +74,9 @@ def test_a_recording_is_not_recognized_by_windows_of_its_own() -> None:
     level = np.exp(random_stream(0, "levels").normal(0, 1, 12)).astype(np.float32)
     plain = windows(0, recordings=12)
     measured = replace(plain, signal=plain.signal * np.repeat(level, 10)[:, None, None])
-    other = synthetic_windows(1, recordings=12)
+    second = synthetic_windows(1, recordings=12)
     spread = np.exp(random_stream(1, "levels").normal(0, 1, 120)).astype(np.float32)
-    synthetic = replace(other, signal=other.signal * spread[:, None, None])
+    synthetic = replace(second, signal=second.signal * spread[:, None, None])
 
     assert discriminative_score(measured, synthetic, seed=0) < 0.75
 

@@ -22,13 +22,13 @@ def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
 
 
 @pytest.fixture(scope="module")
-def same(twin: Twin) -> Recording:
+def same_machine(twin: Twin) -> Recording:
     """Recording of the twin's pump at its operating point."""
     return replace(recording_of(twin), synthetic=False)
 
 
 @pytest.fixture(scope="module")
-def other(pump: Pump) -> Recording:
+def other_machine(pump: Pump) -> Recording:
     """Recording of a pump with nine pistons at 1500 rev/min and 28 MPa."""
     nine = Twin(scaled_pump(pump, Nameplate(45e-6, 9, rpm(1500), MPa(28)), "nine"),
                 OperatingCondition(rpm(1500), MPa(28)), bandwidth=2600)  # fmt: skip
@@ -40,45 +40,50 @@ def without_condition(recording: Recording, **attributes: str) -> Recording:
 
 
 def test_the_twins_pump_at_its_operating_point_passes_in_silence(
-    twin: Twin, same: Recording
+    twin: Twin, same_machine: Recording
 ) -> None:
-    assert require_same_machine(twin, [twin.condition], [same]) == ()
+    assert require_same_machine(twin, [twin.condition], [same_machine]) == ()
 
 
 def test_a_pump_with_other_pistons_and_speed_is_refused_with_both_values(
-    twin: Twin, other: Recording
+    twin: Twin, other_machine: Recording
 ) -> None:
-    message = r"lines at multiples of 22[45].* Hz, those of 9 pistons at 1500 rev/min, and the twin .* its 7 at multiples of"
+    message = (
+        r"lines at multiples of 22[45].* Hz, those of 9 pistons at 1500 rev/min, "
+        r"and the twin .* its 7 at multiples of"
+    )
     with pytest.raises(InputError, match=message):
-        synthesize(twin, None, count=1, like=[other], window=1024)
+        synthesize(twin, None, count=1, like=[other_machine], window=1024)
 
 
 def test_another_speed_or_pressure_is_refused_unless_it_is_named_on_purpose(
-    twin: Twin, same: Recording
+    twin: Twin, same_machine: Recording
 ) -> None:
     faster = twin.condition.replace(speed=rpm(1500))
     with pytest.raises(
         InputError, match=r"The twin runs at 1500 rev/min, but the recordings specify 860 rev/min"
     ):
-        require_same_machine(twin, [faster], [same])
+        require_same_machine(twin, [faster], [same_machine])
 
-    assert require_same_machine(twin, [faster], [same], speed=False) == ()
+    assert require_same_machine(twin, [faster], [same_machine], speed=False) == ()
 
     higher = twin.condition.replace(discharge_pressure=MPa(28))
     with pytest.raises(
         InputError, match=r"The twin runs at 28 MPa, but the recordings specify 15 MPa\. Calibrate"
     ):
         require_same_machine(
-            twin, [higher], cut_windows([same], length=1024, allow_partial_revolution=True)
+            twin, [higher], cut_windows([same_machine], length=1024, allow_partial_revolution=True)
         )
 
-    assert require_same_machine(twin, [twin.condition, higher], [same]) == ()
+    assert require_same_machine(twin, [twin.condition, higher], [same_machine]) == ()
 
 
-def test_a_stated_number_of_pistons_is_compared_without_looking_at_the_lines(
-    twin: Twin, same: Recording
+def test_a_specified_number_of_pistons_is_compared_without_the_lines(
+    twin: Twin, same_machine: Recording
 ) -> None:
-    nine = same.replace(attributes={"pistons": "9"}, signal=np.zeros_like(same.signal))
+    nine = same_machine.replace(
+        attributes={"pistons": "9"}, signal=np.zeros_like(same_machine.signal)
+    )
     with pytest.raises(
         InputError, match=r"rec-0 is of a pump with 9 pistons, the twin \(25scy14-1b\) has 7. Cal"
     ):
@@ -88,10 +93,10 @@ def test_a_stated_number_of_pistons_is_compared_without_looking_at_the_lines(
     assert require_same_machine(twin, [twin.condition], [seven]) == ()
 
 
-def test_lines_alone_show_another_pump_where_nothing_is_stated(
-    twin: Twin, same: Recording, other: Recording
+def test_lines_alone_show_another_pump_if_nothing_is_specified(
+    twin: Twin, same_machine: Recording, other_machine: Recording
 ) -> None:
-    notes = require_same_machine(twin, [twin.condition], [without_condition(same)])
+    notes = require_same_machine(twin, [twin.condition], [without_condition(same_machine)])
     assert [note.split(",")[0] for note in notes] == [
         "The recordings specify no speed", "The recordings specify no pressure",
     ]  # fmt: skip
@@ -99,19 +104,23 @@ def test_lines_alone_show_another_pump_where_nothing_is_stated(
         InputError,
         match=r"lines at multiples of 22[45].* Hz, and the twin \(25scy14-1b\) with its 7",
     ):
-        require_same_machine(twin, [twin.condition], [without_condition(other)])
+        require_same_machine(twin, [twin.condition], [without_condition(other_machine)])
 
 
-def test_noise_shows_nothing_and_that_is_said(twin: Twin, same: Recording) -> None:
-    noise = same.replace(signal=np.random.default_rng(0).normal(size=same.signal.shape))
+def test_a_note_states_that_noise_cannot_be_checked(twin: Twin, same_machine: Recording) -> None:
+    noise = same_machine.replace(
+        signal=np.random.default_rng(0).normal(size=same_machine.signal.shape)
+    )
     (note,) = require_same_machine(twin, [twin.condition], [noise])
 
     assert "do not show the number of pistons" in note
     assert "that of the twin (7) cannot be checked" in note
 
 
-def test_training_refuses_synthetic_windows_of_another_speed(twin: Twin, same: Recording) -> None:
-    measured = cut_windows([same], length=1024, allow_partial_revolution=True)
+def test_training_refuses_synthetic_windows_of_another_speed(
+    twin: Twin, same_machine: Recording
+) -> None:
+    measured = cut_windows([same_machine], length=1024, allow_partial_revolution=True)
     synthetic = simulate_windows(
         twin.at(twin.condition.replace(speed=rpm(1500))),
         count=2,

@@ -60,30 +60,30 @@ def test_synthetic_windows_join_the_measured_ones(twin: Twin, measured: WindowSe
 def test_the_same_seed_gives_the_same_windows_and_another_seed_others(
     twin: Twin, measured: WindowSet
 ) -> None:
-    first, again, other = (
+    first, repeated, second = (
         simulate_windows(twin, count=2, like=measured, seed=seed).signal for seed in (0, 0, 1)
     )
 
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first - other).max() > 0.1
+    np.testing.assert_array_equal(first, repeated)
+    assert np.abs(first - second).max() > 0.1
 
 
-def test_a_window_does_not_depend_on_those_made_beside_it(
+def test_a_window_does_not_depend_on_the_others_of_its_set(
     twin: Twin, measured: WindowSet, pump: Pump, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    other = replace(
+    second = replace(
         twin, pump=replace(pump, name="other"), condition=twin.condition.replace(speed=60.0)
     )
-    few, many = (
-        simulate_windows([twin, other], count=count, like=measured, seed=0) for count in (3, 7)
+    few, more = (
+        simulate_windows([twin, second], count=count, like=measured, seed=0) for count in (3, 7)
     )
     monkeypatch.setattr(synthesis, "_CHUNK", 2)
-    chunked = simulate_windows([twin, other], count=7, like=measured, seed=0)
+    chunked = simulate_windows([twin, second], count=7, like=measured, seed=0)
 
-    np.testing.assert_array_equal(many.signal[:3], few.signal)
-    np.testing.assert_array_equal(many.signal, chunked.signal)
-    np.testing.assert_array_equal(many.recording_id, chunked.recording_id)
-    np.testing.assert_array_equal(many.speed[1::2], 60.0)
+    np.testing.assert_array_equal(more.signal[:3], few.signal)
+    np.testing.assert_array_equal(more.signal, chunked.signal)
+    np.testing.assert_array_equal(more.recording_id, chunked.recording_id)
+    np.testing.assert_array_equal(more.speed[1::2], 60.0)
 
 
 def test_without_variation_and_noise_a_window_is_the_twin_s_simulation(
@@ -113,7 +113,7 @@ def test_the_background_has_the_level_of_the_measured_noise(
     np.testing.assert_allclose(above_6_kHz(synthetic), above_6_kHz(normal), rtol=0.25)
 
 
-def test_windows_have_the_gain_of_the_healthy_machine_and_causes_are_told_apart(
+def test_windows_have_the_gain_of_the_healthy_machine_and_causes_are_separated(
     twin: Twin, measured: WindowSet
 ) -> None:
     plain, loud = (
@@ -122,12 +122,13 @@ def test_windows_have_the_gain_of_the_healthy_machine_and_causes_are_told_apart(
         )
         for gain in (1, 3)
     )
-    heard = slice(
-        0, 2
-    )  # the third channel, silent in the twin, tells no gain: what it measures is cross-talk
-
+    # the third channel is silent in the twin: it measures cross-talk, which has no gain
+    sensors_with_signal = slice(0, 2)
     np.testing.assert_allclose(
-        loud.signal[:, heard], 3 * plain.signal[:, heard], rtol=1e-3, atol=1e-4
+        loud.signal[:, sensors_with_signal],
+        3 * plain.signal[:, sensors_with_signal],
+        rtol=1e-3,
+        atol=1e-4,
     )
     assert plain.measured_healthy is not None
     assert plain.simulate_healthy is not None
@@ -156,7 +157,7 @@ def test_a_strong_line_between_bins_does_not_raise_the_background_far_from_it(
     assert np.sqrt(np.mean(far[0] ** 2)) < 1.5 * np.sqrt(np.mean(far[1] ** 2))
 
 
-def test_severity_spreads_as_asked(twin: Twin, measured: WindowSet) -> None:
+def test_severity_varies_with_its_setting(twin: Twin, measured: WindowSet) -> None:
     calm = replace(STILL, severity=0.0)
     wild = replace(STILL, severity=0.5)
     levels = [
@@ -169,7 +170,9 @@ def test_severity_spreads_as_asked(twin: Twin, measured: WindowSet) -> None:
     assert levels[1].std() > 5 * levels[0].std()
 
 
-def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pump) -> None:
+def test_twins_that_do_not_fit_the_windows_are_refused(
+    twin: Twin, measured: WindowSet, pump: Pump
+) -> None:
     with pytest.raises(InputError, match="Give twins of one class"):
         simulate_windows([twin, twin.with_fault(None)], count=2, like=measured, seed=0)
     with pytest.raises(InputError, match="class 'piston' is not among the windows' classes"):
@@ -278,9 +281,11 @@ def test_a_calibration_and_a_fault_are_enough(
     )
     noted = synthesize(of_one, fault, count=1, like=measured, values="nominal").notes[-1]
 
-    assert noted.startswith(
-        "The calibration read cover_z, but not body_y, body_x: the gains of these are those of the pump"
+    expected = (
+        "The calibration read cover_z, but not body_y, body_x: "
+        "the gains of these are those of the pump"
     )
+    assert noted.startswith(expected)
 
 
 def test_recordings_are_cut_into_windows_that_the_synthetic_ones_are_like(

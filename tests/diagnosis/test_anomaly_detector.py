@@ -1,4 +1,4 @@
-"""A detector of healthy recordings alone: false alarms, reported changes, missing verdicts, files."""
+"""A detector of healthy recordings: false alarms, reported changes, missing verdicts, files."""
 
 import json
 import math
@@ -48,7 +48,13 @@ def recording(name: str, *, pressure: float = 10.0, rise: float = 0.0, label: st
     condition = OperatingCondition(2 * math.pi * SHAFT, st.MPa(pressure))
 
     return Recording(
-        signal, RATE, name, channels=("x", "y"), label=label, condition=condition, specimen="A"
+        signal,
+        RATE,
+        name,
+        channels=("x", "y"),
+        label=label,
+        condition=condition,
+        specimen="A",
     )
 
 
@@ -160,7 +166,8 @@ def test_two_deviating_recordings_of_twenty_are_excluded_by_name_and_hide_no_fau
         deviating[0].replace(recording_id="new", signal=deviating[0].signal + 1e-6)
     ).alarm
     with pytest.raises(
-        InputError, match=r"needs at least 19 healthy recordings; there are 18 without odd0, odd1"
+        InputError,
+        match=r"needs at least 19 healthy recordings; there are 18 without odd0, odd1",
     ):
         st.AnomalyDetector(error_rate=0.05).fit([*deviating, *remaining])
 
@@ -314,7 +321,9 @@ def test_a_fault_and_a_copy_among_the_healthy_recordings_are_detected(
     assert "proves nothing" in detector.diagnose(healthy[0]).notes[0]
 
 
-def test_another_sample_rate_is_refused_with_a_remedy(detector: st.AnomalyDetector) -> None:
+def test_another_sample_rate_is_refused_with_a_remedy(
+    detector: st.AnomalyDetector,
+) -> None:
     with pytest.raises(DataError, match="set resample='2000 Hz'"):
         detector.diagnose(replace(recording("new"), sample_rate=1000.0))
 
@@ -395,7 +404,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory, healthy: list[Recording]) -
     """Folders ``healthy`` and ``all`` with an index each."""
     folder = tmp_path_factory.mktemp("plant")
     faults = [recording(f"p{n}", rise=15.0, label="piston") for n in range(2)]
-    for name, members in (("healthy", healthy), ("all", [*healthy, *faults, recording("t1")])):
+    for name, members in (
+        ("healthy", healthy),
+        ("all", [*healthy, *faults, recording("t1")]),
+    ):
         (folder / name).mkdir()
         files = [Path(f"{member.recording_id}.h5") for member in members]
         for member, file in zip(members, files, strict=True):
@@ -406,7 +418,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory, healthy: list[Recording]) -
     return folder
 
 
-def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Path) -> None:
+def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(
+    folder: Path,
+) -> None:
     model = folder / "model.safetensors"
     trained = json.loads(
         run("train", str(folder / "healthy"), "--out", str(model), "--json").stdout
@@ -420,7 +434,12 @@ def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Pa
     assert n_recordings == {"normal": 1, "piston": 2}
     page = folder / "page.html"
     answer = run(
-        "diagnose", str(model), str(folder / "all" / "p0.h5"), "--report", str(page), "--json"
+        "diagnose",
+        str(model),
+        str(folder / "all" / "p0.h5"),
+        "--report",
+        str(page),
+        "--json",
     )
     (verdict,) = json.loads(answer.stdout)["diagnoses"]
 
@@ -429,13 +448,20 @@ def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Pa
     assert "Change of the band powers" in page.read_text(encoding="utf-8")
 
     printed = run(
-        "diagnose", str(model), str(folder / "all" / "t1.h5"), "--pressure", "20 MPa", code=3
+        "diagnose",
+        str(model),
+        str(folder / "all" / "t1.h5"),
+        "--pressure",
+        "20 MPa",
+        code=3,
     )
 
     assert "20" in one_line(printed)
 
 
-def test_check_reports_that_healthy_recordings_suffice_for_a_detector(folder: Path) -> None:
+def test_check_reports_that_healthy_recordings_suffice_for_a_detector(
+    folder: Path,
+) -> None:
     printed = run("check", str(folder / "healthy")).stdout
     assert "20 healthy recordings allow a false-alarm rate of 0.05" in printed
     assert "The data are sound and enough for an anomaly detector." in printed

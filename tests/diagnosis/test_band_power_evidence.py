@@ -9,7 +9,11 @@ from swashtwin.diagnosis import Evidence, diagnose, explain
 from swashtwin.diagnosis.attribution import evidence_bands, feature_shares
 from swashtwin.foundation import MPa, rpm
 from swashtwin.learning import BandPowerNetwork, TrainingSettings, cut_windows, fit
-from swashtwin.learning.networks.window_features import gain_response, window_bands, window_features
+from swashtwin.learning.networks.window_features import (
+    gain_response,
+    window_bands,
+    window_features,
+)
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 from swashtwin.report import write_report
@@ -30,14 +34,20 @@ def recording(name: str, label: str) -> Recording:
     condition = OperatingCondition(speed=rpm(60 * SHAFT), discharge_pressure=MPa(15))
 
     return Recording(
-        signal, RATE, name, label=label, condition=condition, channels=("base_x", "cover_z")
+        signal,
+        RATE,
+        name,
+        label=label,
+        condition=condition,
+        channels=("base_x", "cover_z"),
     )
 
 
 def evidence_of(axis: str, shape: bool, heads: tuple[str, ...]) -> Evidence:
     labels = ("normal", "valve_plate")
     train = cut_windows(
-        [recording(f"{label} {n}", label) for label in labels for n in range(3)], length=LENGTH
+        [recording(f"{label} {n}", label) for label in labels for n in range(3)],
+        length=LENGTH,
     )
     network = BandPowerNetwork(
         2, 2, axis=axis, shape=shape, heads=heads, turns=SHAFT / RATE, hidden=16
@@ -55,7 +65,8 @@ def evidence() -> Evidence:
 
 
 @pytest.mark.parametrize(
-    ("axis", "shape", "heads"), [("order", False, HEADS[0]), ("frequency", True, HEADS[1])]
+    ("axis", "shape", "heads"),
+    [("order", False, HEADS[0]), ("frequency", True, HEADS[1])],
 )
 def test_contributions_of_each_head_add_up(axis: str, shape: bool, heads: tuple[str, ...]) -> None:
     result = evidence_of(axis, shape, heads)
@@ -82,7 +93,10 @@ def test_the_page_names_the_mean_of_the_training_and_the_envelope(
     assert "silence" not in text
 
     table = np.genfromtxt(
-        tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None
+        tmp_path / "figures" / "evidence_lines.csv",
+        delimiter=",",
+        names=True,
+        dtype=None,
     )
 
     assert {"envelope order 9", "envelope level", "waveform shape"} <= set(table["band"])

@@ -50,7 +50,12 @@ CLASSES = ("normal", "piston")
 
 
 def recording(
-    name: str, label: str, *, pressure: float = 15, speed: float = 860, samples: int = 480
+    name: str,
+    label: str,
+    *,
+    pressure: float = 15,
+    speed: float = 860,
+    samples: int = 480,
 ) -> Recording:
     draw = np.random.default_rng(list(name.encode()))
     cycles = {"normal": 0.05, "piston": 0.15}[label] * np.arange(samples)
@@ -79,7 +84,8 @@ def saved(classifier, tmp_path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("name", "normalization"), [*((name, "set") for name in sorted(BUILT_IN)), ("bitcn", "window")]
+    ("name", "normalization"),
+    [*((name, "set") for name in sorted(BUILT_IN)), ("bitcn", "window")],
 )
 def test_a_loaded_classifier_has_the_bits_of_the_saved_one(tmp_path, name, normalization):
     settings = TrainingSettings(epochs=1, normalization=normalization)
@@ -130,7 +136,8 @@ def test_other_files_are_refused(tmp_path):
 def test_a_file_whose_network_is_not_registered_is_refused_with_what_to_call(saved, monkeypatch):
     monkeypatch.delitem(NETWORKS, "bitcn")
     with pytest.raises(
-        ArtifactError, match=r"'bitcn', which is not registered here; register the same network"
+        ArtifactError,
+        match=r"'bitcn', which is not registered here; register the same network",
     ):
         load_classifier(saved)
 
@@ -147,7 +154,8 @@ def test_a_network_that_is_not_registered_is_not_saved(classifier, tmp_path):
 @pytest.mark.parametrize("label", CLASSES)
 def test_a_new_recording_is_diagnosed_from_all_its_windows(classifier, label):
     diagnosis = diagnose(
-        classifier, recording(f"new {label}", label).replace(label="a label never trained")
+        classifier,
+        recording(f"new {label}", label).replace(label="a label never trained"),
     )
 
     assert diagnosis.label == label
@@ -176,7 +184,11 @@ def test_an_untrained_condition_and_a_training_recording_have_notes(classifier):
 @pytest.mark.parametrize(
     ("machines", "specimen", "messages"),
     [
-        ("A" * 6, "B", ["Machine B is not in the training, which covers one machine, A."]),
+        (
+            "A" * 6,
+            "B",
+            ["Machine B is not in the training, which covers one machine, A."],
+        ),
         ("A" * 6, "A", []),
         ("ABCABC", "D", []),
         (("",) * 6, "B", []),
@@ -203,10 +215,16 @@ def test_a_note_names_a_machine_that_was_not_trained(classifier, machines, speci
             "sample rate 1000 Hz against 2000 Hz. If 2000 Hz is right, set resample='1000 Hz'",
         ),
         (
-            {"signal": np.random.default_rng(0).normal(size=(2, 480)), "channels": ("a", "b")},
+            {
+                "signal": np.random.default_rng(0).normal(size=(2, 480)),
+                "channels": ("a", "b"),
+            },
             "1 channel.s. against 2",
         ),
-        ({"unit": "g"}, "against g. Specify what a number in the file means: sensitivity="),
+        (
+            {"unit": "g"},
+            "against g. Specify what a number in the file means: sensitivity=",
+        ),
         (
             {"channels": ("other",)},
             "against other. Name the channels of the file with names, once for each",
@@ -280,7 +298,9 @@ def test_a_model_with_a_weight_of_nan_gives_no_verdict_and_is_not_saved(classifi
     assert "the model is damaged" in diagnose(damaged, recording("new", "normal")).no_verdict
 
     test = cut_windows(
-        [recording("new", "normal"), recording("newer", "piston")], length=80, classes=CLASSES
+        [recording("new", "normal"), recording("newer", "piston")],
+        length=80,
+        classes=CLASSES,
     )
     scores = evaluate(damaged, test)
 
@@ -296,7 +316,10 @@ def test_a_model_with_a_weight_of_nan_gives_no_verdict_and_is_not_saved(classifi
 
 
 def test_a_missing_verdict_shows_in_text_json_page_and_exit_code(saved, tmp_path, monkeypatch):
-    for name, measured in (("good", recording("good", "piston")), ("spiked", spiked(1e20))):
+    for name, measured in (
+        ("good", recording("good", "piston")),
+        ("spiked", spiked(1e20)),
+    ):
         write_recording(measured, tmp_path / f"{name}.h5")
 
     command = ["diagnose", saved, tmp_path / "good.h5", tmp_path / "spiked.h5"]

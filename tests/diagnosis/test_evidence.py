@@ -14,7 +14,13 @@ from swashtwin.diagnosis import Evidence, diagnose, explain, save_classifier
 from swashtwin.diagnosis.attribution import line_shares, mean_gradients
 from swashtwin.diagnosis.verdict import CHECKS, next_checks
 from swashtwin.foundation import InputError, MPa, rpm
-from swashtwin.learning import BiTCN, FittedClassifier, TrainingSettings, cut_windows, fit
+from swashtwin.learning import (
+    BiTCN,
+    FittedClassifier,
+    TrainingSettings,
+    cut_windows,
+    fit,
+)
 from swashtwin.pump import CLASSES, OperatingCondition
 from swashtwin.recordings import Recording, write_recording
 from swashtwin.report import write_report
@@ -37,7 +43,12 @@ def recording(name: str, label: str, burst: bool = False) -> Recording:
     condition = OperatingCondition(speed=rpm(60 * SHAFT), discharge_pressure=MPa(15))
 
     return Recording(
-        signal, RATE, name, label=label, condition=condition, channels=("base_x", "cover_z")
+        signal,
+        RATE,
+        name,
+        label=label,
+        condition=condition,
+        channels=("base_x", "cover_z"),
     )
 
 
@@ -49,7 +60,11 @@ def classifier() -> FittedClassifier:
     train = cut_windows(recordings, length=128)
 
     settings = TrainingSettings(epochs=15, batch_size=16, learning_rate=3e-3, normalization="set")
-    return fit(BiTCN(2, 2, channels=(8, 12), kernel_size=5, dropout=0.0), train, settings=settings)
+    return fit(
+        BiTCN(2, 2, channels=(8, 12), kernel_size=5, dropout=0.0),
+        train,
+        settings=settings,
+    )
 
 
 def evidence_of(classifier: FittedClassifier, recording: Recording) -> Evidence:
@@ -104,7 +119,9 @@ def test_the_only_line_gets_the_whole_share() -> None:
     assert share[0, 9] == pytest.approx(share.sum()) == pytest.approx(3 * 128)
 
 
-def test_the_planted_line_is_named_with_its_channel_and_its_order(evidence: Evidence) -> None:
+def test_the_planted_line_is_named_with_its_channel_and_its_order(
+    evidence: Evidence,
+) -> None:
     channel, band, share = evidence.strongest()[0]
     assert (channel, band.order) == ("cover_z", 7)
     assert share > 0.2
@@ -130,9 +147,10 @@ def test_random_weights_give_other_evidence(
 
     similar_contributions = evidence_of(classifier, recording("other", "valve_plate")).contributions
     assert (
-        np.corrcoef(np.abs(similar_contributions).ravel(), np.abs(evidence.contributions).ravel())[
-            0, 1
-        ]
+        np.corrcoef(
+            np.abs(similar_contributions).ravel(),
+            np.abs(evidence.contributions).ravel(),
+        )[0, 1]
         > 0.9
     )
     assert np.median(similar) < 0.7
@@ -224,7 +242,10 @@ def test_the_page_shows_lines_neighbors_and_checks(classifier, evidence, tmp_pat
         assert message in text
 
     table = np.genfromtxt(
-        tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None
+        tmp_path / "figures" / "evidence_lines.csv",
+        delimiter=",",
+        names=True,
+        dtype=None,
     )
 
     assert table["adds"].sum() == pytest.approx(evidence.margin, rel=0.03)
@@ -262,12 +283,17 @@ def test_every_class_has_checks_and_an_unknown_fault_has_general_ones() -> None:
     ("change", "message"),
     [
         (lambda x: x + 5, "Channel base_x has an offset of"),
-        (lambda x: x[[0, 0]], "Channel cover_z follows another channel (correlation 1.000"),
+        (
+            lambda x: x[[0, 0]],
+            "Channel cover_z follows another channel (correlation 1.000",
+        ),
         (lambda x: 8 * x, "The gain of channel base_x looks 18 dB higher"),
     ],
 )
 def test_a_selected_network_without_confidence_notes_deviations_from_its_training(
-    classifier: FittedClassifier, change: Callable[[np.ndarray], np.ndarray], message: str
+    classifier: FittedClassifier,
+    change: Callable[[np.ndarray], np.ndarray],
+    message: str,
 ) -> None:
     new = recording("new", "normal")
     assert diagnose(classifier, new).notes == ()

@@ -12,7 +12,12 @@ from sklearn.model_selection import StratifiedGroupKFold, cross_validate
 from sklearn.utils.estimator_checks import check_estimator
 
 from swashtwin import presets
-from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier, diagnose
+from swashtwin.diagnosis import (
+    AnomalyDetector,
+    FaultClassifier,
+    PriorClassifier,
+    diagnose,
+)
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import (
     PAPER_TRAINING,
@@ -75,7 +80,10 @@ def test_the_checks_of_scikit_learn_pass():
         "check_methods_subset_invariance": "levels are of single precision",
     }
     results = check_estimator(
-        FaultClassifier("band_powers"), expected_failed_checks=expected, on_fail=None, on_skip=None
+        FaultClassifier("band_powers"),
+        expected_failed_checks=expected,
+        on_fail=None,
+        on_skip=None,
     )
     failed = {
         result["check_name"]: result["exception"]
@@ -198,7 +206,10 @@ def test_a_label_of_another_language_is_mapped_to_its_fault_or_has_a_note():
         for member in sets
     ]
 
-    assert mapped.fit(train, synthetic=like).classes_.tolist() == ["Gut", "Kolbenverschleiss"]
+    assert mapped.fit(train, synthetic=like).classes_.tolist() == [
+        "Gut",
+        "Kolbenverschleiss",
+    ]
     with pytest.raises(InputError, match="No recording is of the class 'Kolben'"):
         FaultClassifier("band_powers", window=128, fault_of={"Kolben": "piston"}).fit(
             train, synthetic=sets
@@ -262,7 +273,10 @@ def test_classes_of_an_array_keep_their_type_and_groups_enter_the_manifest():
 
 
 def test_a_loaded_classifier_has_the_parameters_and_answers_of_the_saved_one(tmp_path):
-    settings = {"network_settings": {"dropout": 0.2}, "training_settings": {"noise_snr": 0.0}}
+    settings = {
+        "network_settings": {"dropout": 0.2},
+        "training_settings": {"noise_snr": 0.0},
+    }
     classifier = FaultClassifier(**SMALL, **settings, seed=3).fit(recordings("train"))
     loaded = FaultClassifier.load(classifier.save(tmp_path / "pump.safetensors"))
     new = recordings("new")
@@ -276,8 +290,14 @@ def test_a_loaded_classifier_has_the_parameters_and_answers_of_the_saved_one(tmp
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"network": "spectral"}, "unknown network 'spectral'; there are .*band_powers.*bitcn"),
-        ({"training_settings": {"epochs": 3}}, "training_settings has no field 'epochs'"),
+        (
+            {"network": "spectral"},
+            "unknown network 'spectral'; there are .*band_powers.*bitcn",
+        ),
+        (
+            {"training_settings": {"epochs": 3}},
+            "training_settings has no field 'epochs'",
+        ),
         ({"training_settings": {"noise": 3}}, "training_settings has no field 'noise'"),
         ({"network_settings": {"width": 3}}, "has no setting 'width'"),
         ({"epochs": 0}, "epochs .0. must be at least 1"),
@@ -286,7 +306,10 @@ def test_a_loaded_classifier_has_the_parameters_and_answers_of_the_saved_one(tmp
         ({"window": 128.5}, "window .128.5. must be a whole number"),
         ({"error_rate": "0.1"}, "error_rate .'0.1'. must be a number or None"),
         ({"group": 3}, "group .3. must be text or a mapping by name"),
-        ({"fault_of": "piston"}, "fault_of .'piston'. must be a mapping by name or None"),
+        (
+            {"fault_of": "piston"},
+            "fault_of .'piston'. must be a mapping by name or None",
+        ),
         ({"network": 3}, "network .3. must be text"),
     ],
 )
@@ -344,6 +367,7 @@ def test_an_input_that_is_not_a_recording_is_refused_in_a_sentence(
         prior.evaluate,
     ):
         with pytest.raises(
-            InputError, match=r"is not a recording|recordings are expected|than recordings"
+            InputError,
+            match=r"is not a recording|recordings are expected|than recordings",
         ):
             method(invalid)

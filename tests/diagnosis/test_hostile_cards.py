@@ -22,7 +22,9 @@ def saved(tmp_path: Path) -> Path:
     ]
     windows = cut_windows(recordings, length=80)
     classifier = fit(
-        BiTCN(1, 2, channels=(8,), kernel_size=3), windows, settings=TrainingSettings(epochs=1)
+        BiTCN(1, 2, channels=(8,), kernel_size=3),
+        windows,
+        settings=TrainingSettings(epochs=1),
     )
 
     return save_classifier(with_confidence(classifier), tmp_path / "saved.safetensors")
@@ -32,7 +34,12 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
     card, tensors = read_artifact(saved, "classifier", VERSION, advice="", may_be_nan=None)
     load_classifier(
         write_artifact(
-            tmp_path / "model.safetensors", "classifier", VERSION, card, tensors, may_be_nan=None
+            tmp_path / "model.safetensors",
+            "classifier",
+            VERSION,
+            card,
+            tensors,
+            may_be_nan=None,
         )
     )
     wrong = []
@@ -86,7 +93,10 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
         ("training_reference.statistics", lambda values: values[..., :5]),
         ("training_reference.statistics", lambda values: values[0]),
         ("training_reference.condition", lambda values: values[:, :1]),
-        ("training_reference.condition", lambda values: np.zeros(values.shape, dtype=int)),
+        (
+            "training_reference.condition",
+            lambda values: np.zeros(values.shape, dtype=int),
+        ),
     ],
 )
 def test_tensors_that_fit_neither_the_card_nor_the_classes_are_refused(
@@ -95,7 +105,12 @@ def test_tensors_that_fit_neither_the_card_nor_the_classes_are_refused(
     card, tensors = read_artifact(saved, "classifier", VERSION, advice="", may_be_nan=None)
     tensors[name] = change(tensors[name])
     path = write_artifact(
-        tmp_path / "hostile.safetensors", "classifier", VERSION, card, tensors, may_be_nan=None
+        tmp_path / "hostile.safetensors",
+        "classifier",
+        VERSION,
+        card,
+        tensors,
+        may_be_nan=None,
     )
 
     with pytest.raises(ArtifactError, match=r"confidence|training.reference|expected"):

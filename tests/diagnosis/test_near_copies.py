@@ -127,7 +127,12 @@ def test_steady_recordings_of_one_machine_are_not_copies(
     kind: Callable[[np.random.Generator], np.ndarray],
 ) -> None:
     made = [
-        Recording(kind(np.random.default_rng(number))[None], RATE, f"{number}", channels=("x",))
+        Recording(
+            kind(np.random.default_rng(number))[None],
+            RATE,
+            f"{number}",
+            channels=("x",),
+        )
         for number in range(12)
     ]
 

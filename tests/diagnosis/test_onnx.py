@@ -102,10 +102,18 @@ def test_the_file_of_a_network_on_orders_takes_the_speed(
     speed = np.linspace(60.0, 120.0, len(windows()))
     turning = replace(windows(), speed=np.where(np.arange(len(speed)) % 4, speed, np.nan))
     network = build_network(
-        "band_powers", 2, 2, axis="order", turns=90 / (2 * np.pi * 1e3), shape=True, hidden=8
+        "band_powers",
+        2,
+        2,
+        axis="order",
+        turns=90 / (2 * np.pi * 1e3),
+        shape=True,
+        hidden=8,
     )
     classifier = fit(
-        network, turning, settings=TrainingSettings(epochs=1, normalization=normalization)
+        network,
+        turning,
+        settings=TrainingSettings(epochs=1, normalization=normalization),
     )
     opened = session(export_onnx(classifier, tmp_path / "model.onnx"))
     inputs = {"windows": turning.signal, "speed": turning.speed.astype(np.float32)}
@@ -131,7 +139,10 @@ def test_the_command_writes_a_file_that_describes_its_inputs(tmp_path: Path) -> 
     run(*command, "--force")
     answer = run_json(*command)  # replaces what it wrote itself
 
-    assert (answer["network"], answer["classes"]) == ("band_powers", ["normal", "piston"])
+    assert (answer["network"], answer["classes"]) == (
+        "band_powers",
+        ["normal", "piston"],
+    )
 
     opened = session(tmp_path / "model.onnx")
     assert opened.get_inputs()[0].shape[1:] == [2, 97]

@@ -49,7 +49,11 @@ def test_a_registered_module_is_trained_saved_and_loaded_and_refused_if_not_regi
 ):
     register_network("convolution", Convolution)
     classifier = FaultClassifier(
-        "convolution", window=128, epochs=40, learning_rate=0.01, network_settings={"width": 8}
+        "convolution",
+        window=128,
+        epochs=40,
+        learning_rate=0.01,
+        network_settings={"width": 8},
     ).fit(recordings("train"))
     new = recordings("new")
 
@@ -81,7 +85,8 @@ def test_an_entry_point_registers_a_network_for_the_command_line(registered, mon
             return Convolution
 
     monkeypatch.setattr(
-        "swashtwin.learning.networks.registry.entry_points", lambda group, name: [EntryPoint()]
+        "swashtwin.learning.networks.registry.entry_points",
+        lambda group, name: [EntryPoint()],
     )
 
     assert build_network("from_a_package", 2, 3, length=64).n_classes == 3
@@ -110,11 +115,13 @@ def test_wrong_registrations_and_wrong_modules_are_refused(registered):
         build_network("flat", 1, 2, length=64)
 
     register_network(
-        "steps", lambda n_channels, n_classes, length: nn.Conv1d(n_channels, n_classes, 3)
+        "steps",
+        lambda n_channels, n_classes, length: nn.Conv1d(n_channels, n_classes, 3),
     )
 
     with pytest.raises(
-        InputError, match=r"gives the shape \(\d+, 2, 126\) .*one score per class, \(\d+, 2\)"
+        InputError,
+        match=r"gives the shape \(\d+, 2, 126\) .*one score per class, \(\d+, 2\)",
     ):
         FaultClassifier("steps", window=128, epochs=1).fit(recordings("train"))
 

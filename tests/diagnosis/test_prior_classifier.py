@@ -37,7 +37,12 @@ from swashtwin.pump import (
     load_pump,
 )
 from swashtwin.recordings import Recording, write_index, write_recording
-from swashtwin.synthesis import OrderChanges, PumpPrior, operating_range, simulate_changes
+from swashtwin.synthesis import (
+    OrderChanges,
+    PumpPrior,
+    operating_range,
+    simulate_changes,
+)
 
 CONDITION = OperatingCondition(speed=rpm(1000), discharge_pressure=MPa(10))
 RATE = 16384.0

@@ -37,7 +37,7 @@ def page_text() -> str:
     """The page."""
     parts: dict[str, str] = {}
     for name, command in COMMANDS.items():
-        description = " ".join(takewhile(lambda word: "." not in word, command.words.split()))
+        description = " ".join(takewhile(lambda word: "." not in word, command.line.split()))
         parts.setdefault(
             description,
             f"## `{description}`\n```\n{_lines(load_golden(f'answer_{name}'), {})}\n```\n",
@@ -47,12 +47,11 @@ def page_text() -> str:
 
 
 def _lines(value: Any, listed: dict[frozenset[str], str], key: str = "", indent: str = "") -> str:
-    """Keys and kinds of a value, those of an object in lines of their own where they are many, and
-    once.
+    """Return the keys and kinds of a value; those of a large object one a line, and once.
 
     Parameters
     ----------
-    shown : name of each object that stood before, by its keys.
+    listed : name of each object that was listed before, by its keys.
     """
     if key in PROSE:
         return "text" if isinstance(value, bool) else "[text]"
@@ -66,9 +65,11 @@ def _lines(value: Any, listed: dict[frozenset[str], str], key: str = "", indent:
     if len(value) > 3 and keys in listed:
         return f"as `{listed[keys]}`"
     listed[keys] = key
-    inner = [
-        f'"{name}": {_lines(item, shown, name, f"{indent}  ")}' for name, entry in value.items()
-    ]
+    inner = []
+    for name, entry in value.items():
+        lines = _lines(entry, listed, name, f"{indent}  ")
+        inner.append(f'"{name}": {lines}')
+
     text = "{" + ", ".join(inner) + "}"
     if len(indent) + len(text) <= 100 and "\n" not in text:
         return text
@@ -78,9 +79,7 @@ def _lines(value: Any, listed: dict[frozenset[str], str], key: str = "", indent:
 
 
 def _of_all(values: Sequence[Any], listed: dict[frozenset[str], str], indent: str) -> str:
-    """Kind of the entries of a list: of the longest, or of each where they are numbers and
-    words.
-    """
+    """Return the kind of the longest entry of a list, or the kinds of its numbers and texts."""
     if any(isinstance(value, dict | list) for value in values):
         return _lines(max(values, key=lambda value: len(value or ())), listed, "", indent)
     return " or ".join(dict.fromkeys(map(_kind, values)))

@@ -1,10 +1,9 @@
 """Write the golden files and docs/reference/json.md anew: ``python tests/golden/regenerate.py [NAME
 ...]``.
 
-Only where a change of numbers or of the interface is meant, and is named in CHANGELOG.md. A golden
-test that fails after anything else has seen a mistake: mend that instead. Look over what changed
-(git diff) before it is committed.
-
+Use it only if a change of numbers or of the interface is intended and listed in CHANGELOG.md. A
+golden test that fails after any other change has found a mistake: fix that instead. Review the
+changes (git diff) before you commit them.
 A name is that of a file without ``.json``, such as ``calibration`` or ``answer_train``; without a
 name all are written.
 """

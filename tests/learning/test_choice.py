@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning import WindowSet, choose_candidate, cut_windows, fit_best_candidate
+from swashtwin.learning import (
+    WindowSet,
+    choose_candidate,
+    cut_windows,
+    fit_best_candidate,
+)
 from swashtwin.learning.choice.candidate_trials import _training_rows, _Views
 from swashtwin.recordings import Recording
 
@@ -118,7 +123,10 @@ def test_no_fold_trains_on_synthetic_windows_made_from_its_test_windows() -> Non
     measured = windows()
     names = np.array([f"duplicates of {name}" for name in measured.specimen])
     copies = replace(
-        measured, synthetic=np.ones(len(measured), dtype=bool), specimen=names, content={}
+        measured,
+        synthetic=np.ones(len(measured), dtype=bool),
+        specimen=names,
+        content={},
     )
     is_tested = measured.specimen == "A"
     _, choice, answers = choose_candidate(measured + copies)

@@ -206,7 +206,8 @@ def test_few_training_recordings_give_the_minimum_error_rate_that_they_allow(
     assert predictor.error_rate == rate
     assert predictor.basis == f"{count} training recordings answered by models trained without them"
     with pytest.raises(
-        InputError, match=rf"0\.03 needs 33 validation recordings, and there are {count}"
+        InputError,
+        match=rf"0\.03 needs 33 validation recordings, and there are {count}",
     ):
         cross_fitted_confidence(*answers, np.zeros(count), error_rate=0.03)
 
@@ -366,7 +367,9 @@ def test_the_shrunk_covariance_is_that_of_scikit_learn(shape) -> None:
     )
 
 
-def test_the_commands_train_evaluate_and_diagnose_with_a_confidence(tmp_path: Path) -> None:
+def test_the_commands_train_evaluate_and_diagnose_with_a_confidence(
+    tmp_path: Path,
+) -> None:
     recordings = several("rig", 12)
     folder = tmp_path / "rig"
     files = [

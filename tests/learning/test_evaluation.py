@@ -11,7 +11,13 @@ from imblearn.metrics import geometric_mean_score
 from sklearn.metrics import balanced_accuracy_score
 
 from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
-from swashtwin.learning import WindowSet, evaluate, g_mean, pooled_probabilities, split_between
+from swashtwin.learning import (
+    WindowSet,
+    evaluate,
+    g_mean,
+    pooled_probabilities,
+    split_between,
+)
 from swashtwin.learning.evaluation.scores import accuracy_interval, g_mean_laplace
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.pump import OperatingCondition
@@ -135,7 +141,8 @@ def test_rates_that_the_test_set_cannot_give_are_nan_with_a_reason():
 def test_a_confusion_of_two_healthy_classes_is_not_a_false_alarm():
     classes = ("gut", "normal", "b")
     scores = evaluate(
-        Oracle(confident([0, 1, 0, 2, 1]), classes), measured([0, 0, 1, 1, 2], classes=classes)
+        Oracle(confident([0, 1, 0, 2, 1]), classes),
+        measured([0, 0, 1, 1, 2], classes=classes),
     )
 
     assert (scores.false_alarm_rate, scores.missed_fault_rate) == (0.25, 1)
@@ -217,7 +224,8 @@ def test_synthetic_and_training_recordings_are_refused_and_named():
         evaluate(Oracle(confident([1])), measured([1], synthetic=True))
     with pytest.raises(LeakError, match="recording rec 0 and 1 more had a part"):
         evaluate(
-            Oracle(confident([0, 1, 2]), manifest=("rec 0", "rec 2", "rec 7")), measured([0, 1, 2])
+            Oracle(confident([0, 1, 2]), manifest=("rec 0", "rec 2", "rec 7")),
+            measured([0, 1, 2]),
         )
 
 

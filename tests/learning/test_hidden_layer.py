@@ -13,7 +13,13 @@ from swashtwin.learning.networks.hidden_layer import (
     loss_gradient,
 )
 
-SIZES = {"first": (5, 4), "gain": (1, 5), "shift": (1, 5), "second": (3, 5), "bias": (1, 3)}
+SIZES = {
+    "first": (5, 4),
+    "gain": (1, 5),
+    "shift": (1, 5),
+    "second": (3, 5),
+    "bias": (1, 3),
+}
 """Shape of each weight of a layer of 5 units between 4 features and 3 classes."""
 N_WINDOWS = 7
 

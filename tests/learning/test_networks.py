@@ -67,7 +67,9 @@ def test_bitcn_refuses_invalid_settings(settings, message):
 
 
 @pytest.mark.parametrize("stride", [1, 4])
-def test_the_positive_branch_is_causal_and_reaches_back_over_its_receptive_field(stride):
+def test_the_positive_branch_is_causal_and_reaches_back_over_its_receptive_field(
+    stride,
+):
     network = BiTCN(1, 2, channels=(4, 4, 4), kernel_size=3, stride=stride).eval()
     branch = network.positive
     # squeeze-and-excitation reads the whole window; without it each unit is causal
@@ -127,7 +129,13 @@ def test_a_single_value_for_a_setting_of_several_is_a_tuple_of_one():
 
 VARIANTS = pytest.mark.parametrize(
     "settings",
-    [{}, {"causal": False}, {"attention": False}, {"bidirectional": False}, {"stride": 4}],
+    [
+        {},
+        {"causal": False},
+        {"attention": False},
+        {"bidirectional": False},
+        {"stride": 4},
+    ],
     ids=["full", "ordinary", "no attention", "forward", "patches"],
 )
 
@@ -142,7 +150,11 @@ def step(network: BiTCN, x: torch.Tensor) -> tuple[float, list[torch.Tensor], li
     network = copy.deepcopy(network).train()
     loss = functional.cross_entropy(network(x), torch.arange(6) % 5)
     loss.backward()
-    return loss.item(), [weight.grad for weight in network.parameters()], list(network.buffers())
+    return (
+        loss.item(),
+        [weight.grad for weight in network.parameters()],
+        list(network.buffers()),
+    )
 
 
 def distance(actual: list[torch.Tensor], expected: list[torch.Tensor]) -> float:
@@ -210,7 +222,12 @@ def dropped(share: float) -> np.ndarray:
     torch.nn.init.constant_(normalization.bias, 100.0)
     x = torch.randn(8, 512, 64)
     active, _ = _Activation.apply(
-        x, torch.zeros(64), normalization.weight, normalization.bias, normalization, share
+        x,
+        torch.zeros(64),
+        normalization.weight,
+        normalization.bias,
+        normalization,
+        share,
     )
 
     return (active == 0).numpy()

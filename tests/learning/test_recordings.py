@@ -23,7 +23,10 @@ FIRST_LINE = 24
 
 
 def signal(
-    seed: int, lines: dict[int, float] | None = None, samples: int = SAMPLES, shaft: float = SHAFT
+    seed: int,
+    lines: dict[int, float] | None = None,
+    samples: int = SAMPLES,
+    shaft: float = SHAFT,
 ) -> np.ndarray:
     draw = np.random.default_rng(seed)
     time = np.arange(samples) / RATE

@@ -76,7 +76,10 @@ def test_training_in_16_bits_has_nearly_the_losses_of_32():
 
     assert losses(short) == pytest.approx(losses(exact), rel=0.05)
     assert short.history != exact.history
-    assert {str(value.dtype) for value in weights(short).values()} <= {"float32", "int64"}
+    assert {str(value.dtype) for value in weights(short).values()} <= {
+        "float32",
+        "int64",
+    }
     assert "precision" not in SHORT.to_dict()
     assert short.settings.to_dict()["precision"] == "bfloat16"
     with pytest.raises(InputError, match=r"precision \(float8\) must be one of float32, bfloat16"):
@@ -182,7 +185,10 @@ def test_a_resumed_run_has_the_bits_of_an_uninterrupted_one(tmp_path, change):
     [
         ({"settings": replace(SHORT, batch_size=9)}, "batch_size was 8, now 9"),
         ({"seed": 7}, "seed was 0, now 7"),
-        ({"network": BiTCN(1, 2, channels=(8, 8), kernel_size=3)}, "network's channels"),
+        (
+            {"network": BiTCN(1, 2, channels=(8, 8), kernel_size=3)},
+            "network's channels",
+        ),
         ({"windows": tones("other")}, "manifest"),
         ({"manifest": ["calibration 1"]}, "manifest"),
     ],
@@ -264,9 +270,17 @@ def test_a_class_without_windows_an_unlabeled_window_and_an_empty_set_are_refuse
     with pytest.raises(DataError, match="class piston has no training window"):
         fit(small_network(), windows.subset(windows.target == 0), settings=SHORT)
     with pytest.raises(DataError, match="has no label"):
-        fit(small_network(), replace(windows, target=windows.target * 0 - 1), settings=SHORT)
+        fit(
+            small_network(),
+            replace(windows, target=windows.target * 0 - 1),
+            settings=SHORT,
+        )
     with pytest.raises(DataError, match="no window"):
-        fit(small_network(), windows.subset(np.array([], dtype=np.int64)), settings=SHORT)
+        fit(
+            small_network(),
+            windows.subset(np.array([], dtype=np.int64)),
+            settings=SHORT,
+        )
     with pytest.raises(InputError, match=r"takes 2 channel\(s\) and 2 classes"):
         fit(BiTCN(2, 2), windows, settings=SHORT)
 
@@ -338,7 +352,12 @@ def test_eight_parallel_trainings_have_the_bits_of_eight_single_ones():
     settings = TrainingSettings(epochs=2, batch_size=4, noise_snr=5.0, normalization="set")
 
     def train(seed: int) -> FittedClassifier:
-        return fit(BiTCN(1, 2, channels=(2,), dropout=0.3), windows, settings=settings, seed=seed)
+        return fit(
+            BiTCN(1, 2, channels=(2,), dropout=0.3),
+            windows,
+            settings=settings,
+            seed=seed,
+        )
 
     with ThreadPoolExecutor(8) as threads:
         parallel = list(threads.map(train, range(8)))
@@ -451,7 +470,10 @@ def test_each_transform_changes_a_random_half_of_the_windows():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"noise_snr": float("nan")}, r"noise_snr \(nan\) must be a finite ratio in dB"),
+        (
+            {"noise_snr": float("nan")},
+            r"noise_snr \(nan\) must be a finite ratio in dB",
+        ),
         ({"epochs": 0}, "epochs"),
         ({"batch_size": 1}, "batch_size"),
         ({"learning_rate": 0.0}, "learning_rate"),
@@ -482,7 +504,12 @@ def replays(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     def capture(step, generator):
         def tensor_addresses():
             training = step.__closure__[0].cell_contents
-            tensors = [training._signal, training._target, training._batch, training._sums]
+            tensors = [
+                training._signal,
+                training._target,
+                training._batch,
+                training._sums,
+            ]
             tensors.extend(training.network.state_dict().values())
             tensors.extend(group["lr"] for group in training.optimizer.param_groups)
             for moments in training.optimizer.state.values():
@@ -535,9 +562,16 @@ def test_a_resumed_run_of_replayed_steps_has_the_bits_of_an_uninterrupted_one(re
     file = tmp_path / "training.safetensors"
 
     with pytest.raises(KeyboardInterrupt):
-        fit(small_network(), tones(), settings=SHORT, checkpoint=file, progress=interrupt)
+        fit(
+            small_network(),
+            tones(),
+            settings=SHORT,
+            checkpoint=file,
+            progress=interrupt,
+        )
     assert have_same_bits(
-        whole, fit(small_network(), tones(), settings=SHORT, checkpoint=file, resume=True)
+        whole,
+        fit(small_network(), tones(), settings=SHORT, checkpoint=file, resume=True),
     )
 
 
@@ -636,5 +670,12 @@ def test_a_gpu_repeats_the_same_bits_also_after_an_interrupt(tmp_path):
         )
     assert have_same_bits(
         whole,
-        fit(small_network(), tones(), settings=SHORT, device="cuda", checkpoint=file, resume=True),
+        fit(
+            small_network(),
+            tones(),
+            settings=SHORT,
+            device="cuda",
+            checkpoint=file,
+            resume=True,
+        ),
     )

@@ -82,7 +82,9 @@ def fleet() -> SimpleNamespace:
     )
 
 
-def test_on_trained_machines_a_new_class_is_anomalous_and_one_in_ten_of_the_trained_is(fleet):
+def test_on_trained_machines_a_new_class_is_anomalous_and_one_in_ten_of_the_trained_is(
+    fleet,
+):
     is_new_recording = fleet.has_trained_machine & ~fleet.is_trained
 
     assert np.mean(fleet.is_anomalous[is_new_recording & fleet.has_new_class]) > 0.95
@@ -143,7 +145,12 @@ def test_a_shift_that_an_operating_point_adds_to_every_class_does_not_raise_the_
 
 
 def recording(
-    name: str, *, gain=(1.0, 1.0), noise: float = 0.1, speed: float = 860, swapped: bool = False
+    name: str,
+    *,
+    gain=(1.0, 1.0),
+    noise: float = 0.1,
+    speed: float = 860,
+    swapped: bool = False,
 ) -> Recording:
     random = np.random.default_rng(list(name.encode()))
     time = np.arange(1024) / 1000.0
@@ -175,7 +182,10 @@ def recordings_of_machines(numbers: range) -> list[Recording]:
 
 def windows(*recordings: Recording) -> WindowSet:
     return cut_windows(
-        list(recordings), length=256, classes=("normal", "piston"), allow_partial_revolution=True
+        list(recordings),
+        length=256,
+        classes=("normal", "piston"),
+        allow_partial_revolution=True,
     )
 
 
@@ -244,7 +254,9 @@ def test_a_gain_of_the_factor_between_g_and_its_si_unit_doubts_the_unit(classifi
 
 
 @pytest.mark.wrong_types
-def test_more_noise_is_reported_in_decibels_above_the_training_for_each_channel(classifier):
+def test_more_noise_is_reported_in_decibels_above_the_training_for_each_channel(
+    classifier,
+):
     sentences = reasons(classifier, noise=1.0)
     floors = [
         sentence
@@ -260,7 +272,9 @@ def test_more_noise_is_reported_in_decibels_above_the_training_for_each_channel(
     assert any("strongest lines of channel case_x hold" in sentence for sentence in sentences)
 
 
-def test_recordings_like_the_training_have_deviating_facts_at_the_error_rate(classifier):
+def test_recordings_like_the_training_have_deviating_facts_at_the_error_rate(
+    classifier,
+):
     reference = classifier.training_reference
     has_deviation = []
 

@@ -26,7 +26,12 @@ CLASSES = ("normal", "swash_plate", "piston")
 
 
 def recording(
-    name: str, label: str | None = "normal", *, pressure: float = 15, samples: int = 1000, **facts
+    name: str,
+    label: str | None = "normal",
+    *,
+    pressure: float = 15,
+    samples: int = 1000,
+    **facts,
 ) -> Recording:
     # seeded by the name, so that only recordings of one name are copies
     noise = np.random.default_rng(list(name.encode())).normal(size=(1, samples))
@@ -326,7 +331,8 @@ def test_conditions_that_not_all_recordings_specify_are_refused_by_name():
         recording_groups(silent, "condition")
     with pytest.raises(DataError, match=r"a specifies no speed and c does"):
         recording_groups(
-            [*silent, without_condition("c", attributes={"speed": "700 rpm"})], "condition"
+            [*silent, without_condition("c", attributes={"speed": "700 rpm"})],
+            "condition",
         )
 
 
@@ -345,7 +351,9 @@ def test_an_attribute_that_no_recording_has_is_refused_and_the_nearest_offered()
 @given(st.integers(5, 70))
 def test_thinned_windows_do_not_overlap_and_no_other_could_be_added(stride):
     windows = cut_windows(
-        [without_condition("a"), without_condition("b", "leak")], length=50, stride=stride
+        [without_condition("a"), without_condition("b", "leak")],
+        length=50,
+        stride=stride,
     )
     thinned = without_overlap(windows)
     for name in ("a", "b"):
@@ -356,7 +364,9 @@ def test_thinned_windows_do_not_overlap_and_no_other_could_be_added(stride):
 
 
 @pytest.mark.parametrize("ring", ["ab ab", "ab cd", "ab ac", "ab bc ca", "a b", "ab b"])
-def test_a_check_and_a_split_agree_on_whether_machines_can_be_held_out(ring: str) -> None:
+def test_a_check_and_a_split_agree_on_whether_machines_can_be_held_out(
+    ring: str,
+) -> None:
     # each word lists the machines of one class
     recordings = []
     for label, machines in zip(("normal", "leak", "wear"), ring.split(), strict=False):

@@ -57,7 +57,12 @@ def test_a_baseline_excludes_other_machines_and_operating_points() -> None:
     healthy = fleet(HEALTHY)
     different = [
         pump(1.0, "other machine", 5, specimen="P2"),
-        pump(1.0, "other pressure", 6, condition=OperatingCondition(2 * np.pi * SHAFT, MPa(10))),
+        pump(
+            1.0,
+            "other pressure",
+            6,
+            condition=OperatingCondition(2 * np.pi * SHAFT, MPa(10)),
+        ),
         pump(1.0, "other speed", 7, condition=OperatingCondition(rpm(950), MPa(15))),
         pump(1.0, "almost that speed", 8, condition=OperatingCondition(rpm(905), MPa(15))),
     ]

@@ -196,7 +196,15 @@ def test_the_piston_line_is_at_its_mark(kind: str, position: float) -> None:
     spectrum = spectrum_of(pump(), kind, pistons=7)  # type: ignore[arg-type]
     assert spectrum.position[spectrum.amplitude[0].argmax()] == pytest.approx(position, rel=0.002)
     assert spectrum.amplitude[0].max() == pytest.approx(1, rel=0.05)
-    assert [mark.name for mark in spectrum.marks] == ["1x", "2x", "7x", "14x", "21x", "28x", "35x"]
+    assert [mark.name for mark in spectrum.marks] == [
+        "1x",
+        "2x",
+        "7x",
+        "14x",
+        "21x",
+        "28x",
+        "35x",
+    ]
     assert spectrum.marks[2].position == pytest.approx(position)
 
 

@@ -14,7 +14,11 @@ from hypothesis import strategies as st
 
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording, inspect_recordings, specified_shaft_frequency
+from swashtwin.recordings import (
+    Recording,
+    inspect_recordings,
+    specified_shaft_frequency,
+)
 from swashtwin.signals import (
     ShaftAngle,
     piston_pass_angle,
@@ -145,10 +149,10 @@ def test_noise_without_a_line_is_not_followed() -> None:
 
 
 def test_a_hump_of_noise_is_no_line() -> None:
-    low, high = (
-        7 * 860 / 60 - 4,
-        7 * 860 / 60 + 4,
-    )  # about the piston-pass line, some 0.3 orders to either side
+    # a band of 0.3 orders to either side of the piston-pass line
+    piston_pass = 7 * 860 / 60
+    low = piston_pass - 4
+    high = piston_pass + 4
     sos = scipy.signal.butter(2, [low, high], "bandpass", fs=RATE, output="sos")
     noise = np.random.default_rng(1).standard_normal(100_000)
     hump = 20 * scipy.signal.sosfilt(sos, noise)[20_000:] + 0.1 * noise[20_000:]
@@ -183,7 +187,9 @@ def test_what_cannot_be_followed_is_said() -> None:
 
 @settings(max_examples=12, deadline=None)
 @given(
-    order=st.integers(1, 100), swing=st.floats(0, 0.02), per_turn=st.sampled_from([256, 512, 1000])
+    order=st.integers(1, 100),
+    swing=st.floats(0, 0.02),
+    per_turn=st.sampled_from([256, 512, 1000]),
 )
 def test_a_line_keeps_its_amplitude_along_the_angle(
     order: int, swing: float, per_turn: int
@@ -309,7 +315,10 @@ def test_a_run_up_is_followed_along_the_speed_that_it_states(off: float) -> None
     ("changes", "reason"),
     [
         ({"condition": None}, "specifies no speed"),
-        ({"signal": np.random.default_rng(0).standard_normal((1, 60000))}, "stands clear"),
+        (
+            {"signal": np.random.default_rng(0).standard_normal((1, 60000))},
+            "stands clear",
+        ),
     ],
 )
 def test_a_recording_without_an_angle_is_refused_with_the_reason(

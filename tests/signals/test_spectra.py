@@ -148,7 +148,11 @@ def test_the_claimed_deviation_is_the_scatter_over_repeated_noise(noise: float) 
     ("revolutions", "orders", "message"),
     [
         (15.9, [7], r"covers 15.9 revolutions; its orders need at least 16"),
-        (20.0, [7, 446], r"order 446 lies at 6393 Hz, above half the sample rate \(6400 Hz\)"),
+        (
+            20.0,
+            [7, 446],
+            r"order 446 lies at 6393 Hz, above half the sample rate \(6400 Hz\)",
+        ),
         (20.0, [7, 500], "order 500 lies at 7167 Hz, above half"),
         (20.0, [0, 7], "order 0 has no amplitude: lines begin at order 1"),
     ],
@@ -158,7 +162,10 @@ def test_orders_that_cannot_be_read_are_refused(
 ) -> None:
     with pytest.raises(InputError, match=message):
         order_spectrum(
-            turning(np.array([7]), np.ones(1), revolutions), RATE, SHAFT, np.array(orders)
+            turning(np.array([7]), np.ones(1), revolutions),
+            RATE,
+            SHAFT,
+            np.array(orders),
         )
 
 

@@ -20,7 +20,11 @@ MARKS = [
     pytest.mark.nightly,
     pytest.mark.skipif(not Path(PROGRAM).exists(), reason=f"there is no {PROGRAM}"),
 ]
-PHONE = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
+PHONE = {
+    "viewport": {"width": 390, "height": 844},
+    "is_mobile": True,
+    "has_touch": True,
+}
 
 
 @pytest.fixture(scope="module", name="browser")
@@ -43,7 +47,10 @@ def tabs(browser: Any, address: str, **settings: Any) -> Iterator[Any]:
     page = context.new_page()
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda message: errors.append(message.text) if _is_error(message) else None)
+    page.on(
+        "console",
+        lambda message: errors.append(message.text) if _is_error(message) else None,
+    )
     yield page
     context.close()
 
@@ -55,7 +62,10 @@ def _is_error(message: Any) -> bool:
 
 
 def check_phone(
-    browser: Any, address: str, addresses: Iterable[str], enter: Callable[[Any, str], None]
+    browser: Any,
+    address: str,
+    addresses: Iterable[str],
+    enter: Callable[[Any, str], None],
 ) -> None:
     """No place scrolls sideways on a phone."""
     for tab in tabs(browser, address, **PHONE):

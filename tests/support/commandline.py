@@ -13,7 +13,16 @@ from swashtwin.cli import app
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 AT_15 = ("--speed", "860 rpm", "--pressure", "15 MPa")
-TINY = ("--network", "bitcn", "--set", "epochs=1", "--set", "stride=32", "--set", "channels=8,8")
+TINY = (
+    "--network",
+    "bitcn",
+    "--set",
+    "epochs=1",
+    "--set",
+    "stride=32",
+    "--set",
+    "channels=8,8",
+)
 DEFECT = ("--fault", "swash_plate:depth=0.08mm")
 FACTS = ("--sample-rate", "2 kHz", "--unit", "g")
 """What the text tables of `write_tone` do not say."""

@@ -124,6 +124,10 @@ def _file(module: str) -> Path | None:
     if root not in ("swashtwin", "swashtwin_bench"):
         return None
     path = Path(find_spec(root).submodule_search_locations[0]).joinpath(*names)
-    files = (path / "__init__.pyi", path / "__init__.py", path.with_name(f"{path.name}.py"))
+    files = (
+        path / "__init__.pyi",
+        path / "__init__.py",
+        path.with_name(f"{path.name}.py"),
+    )
 
     return next((file for file in files if file.is_file()), None)

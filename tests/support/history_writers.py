@@ -15,7 +15,7 @@ def file_recordings(url: str, folder: Path, machine: str, count: int) -> None:
     """File recordings up to `count` that the machine does not have yet, each with its state and a
     message.
 
-    The last one that it has comes again, as it does where a watch was killed before it removed the
+    The last one that it has comes again, as it does if a watch was killed before it removed the
     delivery.
     """
     history = History.open(url, folder, RETENTION)

@@ -18,24 +18,56 @@ VERSION = 9
 """Of the files of saved models."""
 
 _PATHS: tuple[tuple[str, ...], ...] = (
-    ("network",), ("network", "name"), ("network", "settings"), ("network", "settings", "n_channels"),
-    ("network", "settings", "n_classes"), ("network", "settings", "channels"), ("classes",), ("layout",),
-    ("layout", "sample_rate"), ("layout", "channels"), ("layout", "unit"), ("layout", "length"), ("normalization",),
-    ("settings",), ("seed",), ("history",), ("manifest",), ("pressures",), ("speeds",), ("confidence", "temperature"),
-    ("confidence", "dependence"), ("confidence", "listening_windows"), ("confidence", "error_rate"),
+    ("network",),
+    ("network", "name"),
+    ("network", "settings"),
+    ("network", "settings", "n_channels"),
+    ("network", "settings", "n_classes"),
+    ("network", "settings", "channels"),
+    ("classes",),
+    ("layout",),
+    ("layout", "sample_rate"),
+    ("layout", "channels"),
+    ("layout", "unit"),
+    ("layout", "length"),
+    ("normalization",),
+    ("settings",),
+    ("seed",),
+    ("history",),
+    ("manifest",),
+    ("pressures",),
+    ("speeds",),
+    ("confidence", "temperature"),
+    ("confidence", "dependence"),
+    ("confidence", "listening_windows"),
+    ("confidence", "error_rate"),
     ("confidence", "cross_fitted"),
-)  # fmt: skip
+)
 _TYPES: dict[str, Any] = {
-    "missing": None, "nothing": None, "truth": True, "text": "x" * 100_000, "list": [[[]]], "object": {"a": {"b": 1}},
-    "negative": -3, "fraction": 0.5, "huge": 10**12,
-}  # fmt: skip
+    "missing": None,
+    "nothing": None,
+    "truth": True,
+    "text": "x" * 100_000,
+    "list": [[[]]],
+    "object": {"a": {"b": 1}},
+    "negative": -3,
+    "fraction": 0.5,
+    "huge": 10**12,
+}
 _FITTING = {
-    ("truth", ("seed",)), ("negative", ("seed",)), ("huge", ("seed",)), ("huge", ("layout", "sample_rate")),
-    ("fraction", ("layout", "sample_rate")), ("text", ("layout", "unit")), ("huge", ("layout", "length")),
-    ("fraction", ("confidence", "temperature")), ("huge", ("confidence", "temperature")),
-    ("fraction", ("confidence", "dependence")), ("fraction", ("confidence", "error_rate")),
+    ("truth", ("seed",)),
+    ("negative", ("seed",)),
+    ("huge", ("seed",)),
+    ("huge", ("layout", "sample_rate")),
+    ("fraction", ("layout", "sample_rate")),
+    ("text", ("layout", "unit")),
+    ("huge", ("layout", "length")),
+    ("fraction", ("confidence", "temperature")),
+    ("huge", ("confidence", "temperature")),
+    ("fraction", ("confidence", "dependence")),
+    ("fraction", ("confidence", "error_rate")),
     ("truth", ("confidence", "cross_fitted")),
-}  # fmt: skip
+}
 """Values that a card may have."""
 
 
@@ -71,7 +103,9 @@ CONTRADICTIONS: dict[str, Change] = {
     "network another": lambda card: card["network"].update(name="lstm"),
     "settings foreign": lambda card: card["network"]["settings"].update(foreign=1),
     "settings 11 GB": lambda card: card["network"]["settings"].update(channels=[50_000, 50_000]),
-    "settings 100,000 layers": lambda card: card["network"]["settings"].update(channels=[1] * 100_000),
+    "settings 100,000 layers": lambda card: card["network"]["settings"].update(
+        channels=[1] * 100_000
+    ),
     "settings wider": lambda card: card["network"]["settings"].update(channels=[16, 16]),
     "settings kernel": lambda card: card["network"]["settings"].update(kernel_size=9),
     "settings NaN": lambda card: card["network"]["settings"].update(dropout=float("nan")),
@@ -81,18 +115,28 @@ CONTRADICTIONS: dict[str, Change] = {
     "history foreign": lambda card: card["history"].append({"foreign": 1}),
     "normalization unknown": lambda card: card["normalization"].update(kind="sideways"),
     "speeds NaN": lambda card: card.update(speeds=[float("nan")]),
-    "reference too short": lambda card: card["training_reference"].update(recording_id=["a"], label=["b"]),
+    "reference too short": lambda card: card["training_reference"].update(
+        recording_id=["a"], label=["b"]
+    ),
     "reference without machines": lambda card: card["training_reference"].update(specimen=[]),
-    "reference with one scale": lambda card: card["training_reference"].update(distance_scales=[1.0]),
-    "reference with a scale of nothing": lambda card: card["training_reference"].update(distance_scales=[0.0, 1.0]),
+    "reference with one scale": lambda card: card["training_reference"].update(
+        distance_scales=[1.0]
+    ),
+    "reference with a scale of nothing": lambda card: card["training_reference"].update(
+        distance_scales=[0.0, 1.0]
+    ),
     "confidence empty": lambda card: card.update(confidence={}),
-    "confidence by more windows": lambda card: card["confidence"].update(listening_windows=[1, 2, 3, 4]),
-    "confidence by windows descending": lambda card: card["confidence"].update(listening_windows=[2, 1]),
+    "confidence by more windows": lambda card: card["confidence"].update(
+        listening_windows=[1, 2, 3, 4]
+    ),
+    "confidence by windows descending": lambda card: card["confidence"].update(
+        listening_windows=[2, 1]
+    ),
     "confidence at a smaller rate": lambda card: card["confidence"].update(error_rate=0.01),
     "dependence above one": lambda card: card["confidence"].update(dependence=1.5),
     "temperature zero": lambda card: card["confidence"].update(temperature=0.0),
     "fewer classes than the confidence": lambda card: card.update(classes=card["classes"][:1]),
-}  # fmt: skip
+}
 
 
 def with_confidence(classifier: FittedClassifier) -> FittedClassifier:

@@ -17,10 +17,18 @@ def judgment(number: int, **changes: Any) -> Judgment:
     """Judgment of recording `number`: one each hour."""
     time = START + timedelta(hours=number)
     facts: dict[str, Any] = {
-        "content": hashlib.sha256(str(number).encode()).hexdigest(), "time": time,
-        "received": time + timedelta(seconds=2), "source": "folder", "file": f"{number}.wav", "channels": ["x", "y"],
-        "unit": "m/s^2", "sample_rate": 1000.0, "duration": 0.1, "state": "normal", "point": "1500 rpm, 15 MPa",
-    }  # fmt: skip
+        "content": hashlib.sha256(str(number).encode()).hexdigest(),
+        "time": time,
+        "received": time + timedelta(seconds=2),
+        "source": "folder",
+        "file": f"{number}.wav",
+        "channels": ["x", "y"],
+        "unit": "m/s^2",
+        "sample_rate": 1000.0,
+        "duration": 0.1,
+        "state": "normal",
+        "point": "1500 rpm, 15 MPa",
+    }
 
     return Judgment(**{**facts, **changes})
 

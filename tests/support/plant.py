@@ -14,7 +14,13 @@ from golden_rig import plant_recordings, write_workspace
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate
 from swashtwin.diagnosis import save_classifier
 from swashtwin.foundation import MPa, atomic_write, mm, rpm
-from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit, save_windows
+from swashtwin.learning import (
+    TrainingSettings,
+    build_network,
+    cut_windows,
+    fit,
+    save_windows,
+)
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recordings, load_recordings, write_store
@@ -92,7 +98,11 @@ class Plant:
             healthy = self.recordings.where(label="normal", specimen="A")
             twin = Twin(load_pump("25scy14-1b"), AT_15)
             calibrate(
-                twin, healthy, method=GaussNewton(starts=1), nuisances=Nuisances(), phases=False
+                twin,
+                healthy,
+                method=GaussNewton(starts=1),
+                nuisances=Nuisances(),
+                phases=False,
             ).save(path)
 
         return self._built("healthy.json", build)
@@ -105,7 +115,11 @@ class Plant:
             like = cut_windows(load_recordings(self.pair), length=WINDOW)
             save_windows(
                 synthesize(
-                    Twin(load_pump("25scy14-1b"), AT_15), RECESS, count=3, like=like, seed=0
+                    Twin(load_pump("25scy14-1b"), AT_15),
+                    RECESS,
+                    count=3,
+                    like=like,
+                    seed=0,
                 ),
                 path,
             )
@@ -119,11 +133,16 @@ class Plant:
         def build(path: Path) -> None:
             windows = cut_windows(load_recordings(self.pair), length=WINDOW)
             network = build_network(
-                "bitcn", windows.n_channels, len(windows.classes), stride=32, channels=(8, 8)
+                "bitcn",
+                windows.n_channels,
+                len(windows.classes),
+                stride=32,
+                channels=(8, 8),
             )
             with atomic_write(path) as temporary:
                 save_classifier(
-                    fit(network, windows, settings=TrainingSettings(epochs=2), seed=0), temporary
+                    fit(network, windows, settings=TrainingSettings(epochs=2), seed=0),
+                    temporary,
                 )
 
         return self._built("model.safetensors", build)

@@ -24,6 +24,11 @@ def pump(scale: float = 1.0, name: str = "run", seed: int = 0, **facts: object) 
         for shift in (0.5, 0.5 - np.pi / 2)
     ]
     condition = OperatingCondition(2 * np.pi * SHAFT, MPa(15))
-    fields = {"channels": ("cover", "body"), "condition": condition, "specimen": "P1", **facts}
+    fields = {
+        "channels": ("cover", "body"),
+        "condition": condition,
+        "specimen": "P1",
+        **facts,
+    }
 
     return Recording(np.stack(rows), RATE, name, **fields)  # type: ignore[arg-type]

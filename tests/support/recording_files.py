@@ -22,7 +22,9 @@ def some_recording() -> Recording:
         channels=("axial x", "radial"),
         label="normal",
         condition=OperatingCondition(
-            speed=rpm(860.0), discharge_pressure=MPa(15.0), oil_temperature=celsius(45.0)
+            speed=rpm(860.0),
+            discharge_pressure=MPa(15.0),
+            oil_temperature=celsius(45.0),
         ),
         specimen="A",
         attributes={"sensor": "352C33"},
@@ -50,13 +52,26 @@ def write_uff(path: Path, signal: np.ndarray, step: float, unit: str = "m/s^2") 
 
     sets = [
         pyuff.prepare_58(
-            id1=f"point {number}", func_type=1, rsp_node=number, rsp_dir=1, ref_node=0, ref_dir=0, ord_data_type=4,
-            num_pts=len(row), abscissa_spacing=1, abscissa_min=0.0, abscissa_inc=step, abscissa_spec_data_type=17,
-            ordinate_spec_data_type=12, orddenom_spec_data_type=0, ordinate_axis_units_lab=unit, data=row,
+            id1=f"point {number}",
+            func_type=1,
+            rsp_node=number,
+            rsp_dir=1,
+            ref_node=0,
+            ref_dir=0,
+            ord_data_type=4,
+            num_pts=len(row),
+            abscissa_spacing=1,
+            abscissa_min=0.0,
+            abscissa_inc=step,
+            abscissa_spec_data_type=17,
+            ordinate_spec_data_type=12,
+            orddenom_spec_data_type=0,
+            ordinate_axis_units_lab=unit,
+            data=row,
             x=np.arange(len(row)) * step,
         )
         for number, row in enumerate(signal)
-    ]  # fmt: skip
+    ]
     pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
 
 

@@ -38,5 +38,10 @@ class Machine:
         condition = OperatingCondition(2 * math.pi * SHAFT, MPa(10))
 
         return Recording(
-            signal, RATE, f"r{number}", channels=CHANNELS, condition=condition, specimen="A"
+            signal,
+            RATE,
+            f"r{number}",
+            channels=CHANNELS,
+            condition=condition,
+            specimen="A",
         )

@@ -48,7 +48,10 @@ def windows(labels: tuple[str, ...] = CLASSES) -> WindowSet:
 
 
 def scored(
-    skill: float, seed: int = 0, split: str | None = "L2", labels: tuple[str, ...] = CLASSES
+    skill: float,
+    seed: int = 0,
+    split: str | None = "L2",
+    labels: tuple[str, ...] = CLASSES,
 ) -> Scores:
     return evaluate(Guesser(skill, seed), windows(labels), split=split)
 
@@ -74,7 +77,11 @@ def run(
     task = Task(study, seed, factors, settings, "data", "quick")
     scores = {split: scored(skill, seed, split) for split in splits}
     rows = [
-        {"split": split, "repeat": 0, **build_score_row(result, result.recall["swash_plate"])}
+        {
+            "split": split,
+            "repeat": 0,
+            **build_score_row(result, result.recall["swash_plate"]),
+        }
         for split, result in scores.items()
     ]
 
@@ -88,9 +95,15 @@ def run(
         "classes": list(CLASSES),
         "history": history if is_network else [],
         "values": {},
-        "roles": {"train": ["trained on"], **{split: ["tested on"] for split in splits}},
+        "roles": {
+            "train": ["trained on"],
+            **{split: ["tested on"] for split in splits},
+        },
         "sha256": {"train": "0" * 64},
-        "cells": {"train": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}},
+        "cells": {
+            "train": {"swash_plate @ 15 MPa": 6},
+            "L2": {"swash_plate @ 15 MPa": 15},
+        },
         "calibrations": [],
         "origin": ORIGIN,
         "command": "swashtwin bench study case1 --seeds 0,1",

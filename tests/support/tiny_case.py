@@ -14,7 +14,9 @@ from swashtwin_bench.studies.scenario import Scenario
 
 TINY = Scenario(windows=2, scarce_windows=3, synthetic=6, held_out=1, method=GaussNewton(starts=1))
 NETWORK = Model(
-    "bitcn", {"stride": 32, "channels": (8, 8)}, TrainingSettings(epochs=1, normalization="set")
+    "bitcn",
+    {"stride": 32, "channels": (8, 8)},
+    TrainingSettings(epochs=1, normalization="set"),
 )
 FOREST = Model("extra_trees", {"trees": 20}, UNSCALED)
 

@@ -23,7 +23,12 @@ def write_prior(path: Path, healthy: Recording, worn: Recording) -> Path:
     pump = load_pump("25scy14-1b")
     bands = OrderBands(PISTONS)
     step = np.nan_to_num(order_band_powers(worn, bands) - order_band_powers(healthy, bands))
-    classes = {"normal": 0 * step, "piston": step, "cylinder_block": step[:, ::-1], "other": -step}
+    classes = {
+        "normal": 0 * step,
+        "piston": step,
+        "cylinder_block": step[:, ::-1],
+        "other": -step,
+    }
     sizes = np.exp(rng.normal(0, 0.3, (PUMPS, 1, 1)))
     change = np.concatenate([sizes * course for course in classes.values()])
     change = change + rng.normal(0, 0.03, change.shape)

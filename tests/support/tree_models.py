@@ -1,6 +1,12 @@
 """Trees on features, fitted for tests."""
 
-from swashtwin.learning import FittedClassifier, TrainingSettings, WindowSet, build_network, fit
+from swashtwin.learning import (
+    FittedClassifier,
+    TrainingSettings,
+    WindowSet,
+    build_network,
+    fit,
+)
 
 UNSCALED = TrainingSettings(epochs=1, normalization="none")
 

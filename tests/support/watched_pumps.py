@@ -17,7 +17,11 @@ START = datetime(2026, 11, 1, tzinfo=UTC)
 
 
 def hum(
-    seed: int, *, gain: float = 1.0, rate: float = RATE, channels: Sequence[str] = ("x", "y")
+    seed: int,
+    *,
+    gain: float = 1.0,
+    rate: float = RATE,
+    channels: Sequence[str] = ("x", "y"),
 ) -> Recording:
     """Two seconds of a pump with nine pistons at 1500 rpm; `gain` is how much louder it is than
     when healthy.
@@ -30,7 +34,10 @@ def hum(
     signal = np.stack([gain * tone + random.normal(size=time.size) for _ in channels])
 
     return Recording(
-        signal.astype(np.float32).astype(float), rate, f"hum-{seed}", channels=tuple(channels)
+        signal.astype(np.float32).astype(float),
+        rate,
+        f"hum-{seed}",
+        channels=tuple(channels),
     )
 
 

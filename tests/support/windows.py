@@ -14,7 +14,18 @@ import types
 import warnings
 from typing import Any
 
-MODULES = {"crypt", "fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios", "tty"}
+MODULES = {
+    "crypt",
+    "fcntl",
+    "grp",
+    "posix",
+    "pty",
+    "pwd",
+    "resource",
+    "syslog",
+    "termios",
+    "tty",
+}
 FUNCTIONS = {
     "os": "fork forkpty getuid geteuid getgid getegid getgroups getpgid setsid killpg kill wait3 wait4 WNOHANG "
     "nice uname sysconf sched_getaffinity sched_setaffinity statvfs fstatvfs mkfifo chown fchmod lchown getloadavg "
@@ -23,7 +34,10 @@ FUNCTIONS = {
     "select": "poll epoll kqueue",
     "time": "tzset clock_gettime",
 }
-REPLACED: dict[str, dict[str, object]] = {"os": {"name": "nt"}, "sys": {"platform": "win32"}}
+REPLACED: dict[str, dict[str, object]] = {
+    "os": {"name": "nt"},
+    "sys": {"platform": "win32"},
+}
 FORBIDDEN = re.compile(
     r'[<>:"|?*\x00-\x1f]|[. ]$|^(con|prn|aux|nul|com\d|lpt\d)(\.|$)', re.IGNORECASE
 )

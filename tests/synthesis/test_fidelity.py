@@ -17,7 +17,12 @@ CLASSES = ("normal", "piston")
 
 
 def windows(
-    seed: int, *, tone: float = 0.0, gain: float = 1.0, per_recording: int = 10, recordings: int = 6
+    seed: int,
+    *,
+    tone: float = 0.0,
+    gain: float = 1.0,
+    per_recording: int = 10,
+    recordings: int = 6,
 ) -> WindowSet:
     """Noise of two classes, of which `piston` has a tone of frequency `tone`."""
     rng = random_stream(seed, "likeness")
@@ -55,7 +60,8 @@ def synthetic_windows(seed: int, **how: float) -> WindowSet:
 def test_a_gain_of_a_decibel_in_every_line_is_a_distance_of_a_decibel() -> None:
     quiet = windows(0)
     louder = replace(
-        quiet, signal=quiet.signal * np.array([[10**0.05], [10**0.15]], dtype=np.float32)
+        quiet,
+        signal=quiet.signal * np.array([[10**0.05], [10**0.15]], dtype=np.float32),
     )
 
     np.testing.assert_allclose(spectral_distance(quiet, louder), [1.0, 3.0], atol=1e-3)
@@ -94,7 +100,8 @@ def test_what_cannot_be_compared_is_refused() -> None:
 def test_the_report_names_the_features_that_give_windows_away() -> None:
     measured = windows(0)
     louder = replace(
-        windows(1), signal=windows(1).signal * np.array([[1.0], [3.0]], dtype=np.float32)
+        windows(1),
+        signal=windows(1).signal * np.array([[1.0], [3.0]], dtype=np.float32),
     )
     report = measure_fidelity(measured, louder, seed=0)
 

@@ -61,7 +61,8 @@ def test_another_speed_or_pressure_is_refused_unless_it_is_named_on_purpose(
 ) -> None:
     faster = twin.condition.replace(speed=rpm(1500))
     with pytest.raises(
-        InputError, match=r"The twin runs at 1500 rev/min, but the recordings specify 860 rev/min"
+        InputError,
+        match=r"The twin runs at 1500 rev/min, but the recordings specify 860 rev/min",
     ):
         require_same_machine(twin, [faster], [same_machine])
 
@@ -69,10 +70,13 @@ def test_another_speed_or_pressure_is_refused_unless_it_is_named_on_purpose(
 
     higher = twin.condition.replace(discharge_pressure=MPa(28))
     with pytest.raises(
-        InputError, match=r"The twin runs at 28 MPa, but the recordings specify 15 MPa\. Calibrate"
+        InputError,
+        match=r"The twin runs at 28 MPa, but the recordings specify 15 MPa\. Calibrate",
     ):
         require_same_machine(
-            twin, [higher], cut_windows([same_machine], length=1024, allow_partial_revolution=True)
+            twin,
+            [higher],
+            cut_windows([same_machine], length=1024, allow_partial_revolution=True),
         )
 
     assert require_same_machine(twin, [twin.condition, higher], [same_machine]) == ()
@@ -85,7 +89,8 @@ def test_a_specified_number_of_pistons_is_compared_without_the_lines(
         attributes={"pistons": "9"}, signal=np.zeros_like(same_machine.signal)
     )
     with pytest.raises(
-        InputError, match=r"rec-0 is of a pump with 9 pistons, the twin \(25scy14-1b\) has 7. Cal"
+        InputError,
+        match=r"rec-0 is of a pump with 9 pistons, the twin \(25scy14-1b\) has 7. Cal",
     ):
         require_same_machine(twin, [twin.condition], [nine])
 
@@ -130,7 +135,8 @@ def test_training_refuses_synthetic_windows_of_another_speed(
     )
 
     with pytest.raises(
-        InputError, match=r"synthetic windows run at 1500 rev/min, .* recordings specify 860"
+        InputError,
+        match=r"synthetic windows run at 1500 rev/min, .* recordings specify 860",
     ):
         require_shared_speed(measured, synthetic)
 

@@ -356,7 +356,7 @@ class TwinWorkbench:
 
         path = self._workspace.folder / f"{stem}{suffix}"
         if path.exists():
-            raise InputError(f"{path} exists already. Use another name.")
+            raise InputError(f"{path} already exists. Use another name.")
         write(path)
         return path.name
 

@@ -77,7 +77,7 @@ SAME = (
     "the forward branch only. IPINN with four convolutions, base values times magnitudes, boundary "
     "and spectrum loss, Adam, 500 epochs; the best epoch is the result.",
 )
-"""What is as in the paper."""
+"""Settings that are the same as in the paper."""
 
 DIFFERENT = (
     "Recordings are of the virtual rig, which is no machine; the paper's are of one real rig. The "
@@ -100,7 +100,7 @@ DIFFERENT = (
     "The steady vibration is solved by harmonic balance inside the IPINN's loss, which gives the "
     "lines of RK4.",
 )
-"""What differs, and why."""
+"""Differences from the paper, with their reasons."""
 
 
 def run_paper(
@@ -111,23 +111,24 @@ def run_paper(
     settings: Mapping[str, Any] | None = None,
     source: Path | None = None,
 ) -> dict[str, StudyTable]:
-    """Result of every study of some experiments, by its name; what is finished in the folder of
-    `work` is read.
+    """Return the results of some experiments by name of the study.
+
+    Runs that are finished in the folder of `work` are read.
 
     Parameters
     ----------
-    work : its seeds are fleets of the virtual rig; the algorithms are repeated on the first. It
+    work : its seeds are fleets of the virtual rig; the algorithms are repeated on the first one. It
         needs a folder.
-    size : of the plans.
+    size : name of a size of the plans.
     experiments : names in `EXPERIMENTS`.
-    settings : of `PlanSettings`, by name; training sets count for the experiments that compare
+    settings : values of `PlanSettings` by name; training sets apply to the experiments that compare
         them.
-    source : index, store or folder of recordings in place of the virtual rig.
+    source : index, store or folder of recordings that replace the virtual rig.
 
     Raises
     ------
     InputError
-        No such size, experiment or setting, or no folder.
+        A size, experiment or setting is unknown, or there is no folder.
     """
     unknown = [name for name in experiments if name not in EXPERIMENTS]
     if unknown or not experiments:
@@ -138,121 +139,156 @@ def run_paper(
         raise InputError(f"no size {size!r}; there are {', '.join(plans.SIZES[PAPER])}.")
     if (folder := work.out) is None:
         raise InputError("the paper needs a folder (--out), which the fleets are built into.")
-    chosen: PlanSettings = read_settings(PlanSettings, settings or {}, "the paper")
-    rig, recordings = (
-        "small" if size == "quick" else "paper",
-        None if source is None else load_recordings(source),
-    )
+    plan_settings: PlanSettings = read_settings(PlanSettings, settings or {}, "the paper")
+    rig_size = "small" if size == "quick" else "paper"
+    recordings = None if source is None else load_recordings(source)
 
     def fleet(version: str) -> Callable[[int], Sequence[Recording]]:
-        return (
-            find_fleets(folder, rig, version, work) if recordings is None else lambda _: recordings
-        )
+        """Return the function that gives the recordings of a seed."""
+        if recordings is None:
+            return find_fleets(folder, rig_size, version, work)
+        return lambda _: recordings
 
     results: dict[str, StudyTable] = {}
-    for name in (name for name in EXPERIMENTS if name in experiments):
+    for name in EXPERIMENTS:
+        if name not in experiments:
+            continue
         if name == "identification":
             results[IDENTIFICATION] = run_identification(work, size, fleet(RIG_VERSION))
             continue
+
         plan = build_plan(f"{PAPER_STUDY}{name}", size)
-        sets = tuple(each for each in chosen.training_sets if each in plan.training_sets)
-        if not sets and chosen.training_sets and len(plan.training_sets) > 1:
+        sets = tuple(name for name in plan_settings.training_sets if name in plan.training_sets)
+        # An experiment with a single training set compares none, so the setting does not apply.
+        if not sets and plan_settings.training_sets and len(plan.training_sets) > 1:
             raise InputError(
-                f"no training set {chosen.training_sets[0]!r}; there are "
+                f"no training set {plan_settings.training_sets[0]!r}; there are "
                 f"{', '.join(plan.training_sets)}."
             )
-        plan = plan.with_settings(replace(chosen, training_sets=sets))
+        plan = plan.with_settings(replace(plan_settings, training_sets=sets))
         results[plan.study] = run_plan(plan, fleet(plan.rig), work)
+
     return results
 
 
 def paper_answer(results: Mapping[str, StudyTable]) -> tuple[str, ...]:
-    """What came out of each experiment, in a sentence."""
+    """Return the result of each experiment in a sentence."""
     return tuple(f"{heading}: {_result(study)}" for heading, study in _experiments(results))
 
 
 def _experiments(results: Mapping[str, StudyTable]) -> Iterator[tuple[str, StudyTable]]:
+    """Yield heading and study of the experiments that have a result."""
     for name, heading in EXPERIMENTS.items():
-        if (study := results.get(f"{PAPER_STUDY}{name}")) is not None:
+        study = results.get(f"{PAPER_STUDY}{name}")
+        if study is not None:
             yield heading, study
 
 
 def _result(study: StudyTable) -> str:
-    """The last row of the paper's network that the paper prints a figure for, at each split; and
-    how others differ.
+    """Return the result of a study in a few sentences.
+
+    They give the last row of the paper's network for which the paper prints a figure, at each
+    split, and the differences of the other networks.
     """
     if not isinstance(study, StudyResult):
         return study.answer[0]
+
     rows = [row for row in study.rows() if row["classifier"] == PAPER_NETWORK]
-    of_paper = [row for row in rows if row["split"] == "L2" and format_reported(study.study, row)]
-    if not of_paper:
+    printed = [row for row in rows if row["split"] == "L2" and format_reported(study.study, row)]
+    if not printed:
         return "the paper prints no figure of what was run."
-    row = of_paper[-1]
-    same = [each for each in rows if _test_of(each, study) == _test_of(row, study)]
-    splits = ", ".join(f"{each['accuracy']['mean']:.3f} at {each['split']}" for each in same)
+
+    row = printed[-1]
+    test = _describe_test(row, study)
+    splits = ", ".join(
+        f"{candidate['accuracy']['mean']:.3f} at {candidate['split']}"
+        for candidate in rows
+        if _describe_test(candidate, study) == test
+    )
     count = len(row["accuracy"]["values"])
-    sentence = f"{_test_of(row, study)}: accuracy {splits}; n = {count}; the paper: {format_reported(study.study, row)}."
-    near = [
-        pair
-        for pair in study.differences()
-        if pair.factor == "classifier" and pair.first["split"] == "L2"
+    sentence = (
+        f"{test}: accuracy {splits}; n = {count}; the paper: {format_reported(study.study, row)}."
+    )
+
+    perturbation = row.get("perturbation", "")
+    differences = [
+        difference
+        for difference in study.differences()
+        if difference.factor == "classifier"
+        and difference.first["split"] == "L2"
+        and difference.first.get("perturbation", "") == perturbation
     ]
-    near = [
-        pair for pair in near if pair.first.get("perturbation", "") == row.get("perturbation", "")
-    ]
-    sentences = [sentence, *(pair.sentence for pair in near)]
+    sentences = [sentence, *(difference.sentence for difference in differences)]
     if study.study == f"{PAPER_STUDY}ablation":
         sentences.append(convergence_sentence(study))
     return " ".join(sentences)
 
 
-def _test_of(row: Mapping[str, Any], study: StudyResult) -> str:
-    """Training set and test of a row in words, without its split and how its windows were dealt."""
+def _describe_test(row: Mapping[str, Any], study: StudyResult) -> str:
+    """Return training set and test of a row in words, without its split and its windows."""
     return ", ".join(
-        format_factor(n, row[n])
-        for n in study.factors
-        if n not in ("classifier", "split", "windows")
+        format_factor(name, row[name])
+        for name in study.factors
+        if name not in ("classifier", "split", "windows")
     )
 
 
 def convergence(study: StudyResult) -> dict[str, tuple[float, float]]:
-    """By network, mean epochs and CPU seconds [s] to a training loss that all reach, over the seeds
-    that have all
-    networks: the first epoch at which the loss is at most the least loss of the network that comes
-    down least."""
-    names = list(dict.fromkeys(run["factors"]["classifier"] for run in study.runs))
-    found: dict[str, list[tuple[int, float]]] = {name: [] for name in names}
+    """Return mean epochs and CPU time [s] to a training loss that all networks reach, by network.
 
-    def losses(run: Run) -> list[float]:
-        return [epoch["loss"] for epoch in run["history"]]
+    That loss is the highest of the networks' minimum losses. Seeds without a training of every
+    network are skipped, because their common loss would be another one.
+    """
+    names = list(dict.fromkeys(run["factors"]["classifier"] for run in study.runs))
+    costs: dict[str, list[tuple[int, float]]] = {name: [] for name in names}
 
     for seed in study.seeds:
         runs = [run for run in study.runs if run["seed"] == seed]
-        if len(runs) == len(names):
-            common = max(min(losses(run)) for run in runs)
-            for run in runs:
-                epoch = 1 + next(index for index, loss in enumerate(losses(run)) if loss <= common)
-                found[run["factors"]["classifier"]].append(
-                    (epoch, epoch * run["values"].get("epoch_cpu_s", np.nan))
-                )
-    means = {name: np.mean(pairs, axis=0) for name, pairs in found.items() if pairs}
-    return {name: (float(epochs), float(seconds)) for name, (epochs, seconds) in means.items()}
+        if len(runs) != len(names):
+            continue
+
+        common_loss = max(min(_losses(run)) for run in runs)
+        for run in runs:
+            epoch = 1 + next(
+                index for index, loss in enumerate(_losses(run)) if loss <= common_loss
+            )
+            cpu_s = epoch * run["values"].get("epoch_cpu_s", np.nan)
+            costs[run["factors"]["classifier"]].append((epoch, cpu_s))
+
+    means: dict[str, tuple[float, float]] = {}
+    for name, pairs in costs.items():
+        if pairs:
+            epochs, seconds = np.mean(pairs, axis=0)
+            means[name] = (float(epochs), float(seconds))
+
+    return means
+
+
+def _losses(run: Run) -> list[float]:
+    return [epoch["loss"] for epoch in run["history"]]
 
 
 def convergence_sentence(study: StudyResult) -> str:
-    """Epochs and seconds of each network to the common loss, and whether the full network is the
-    first by both.
+    """Return epochs and seconds of each network to the common loss.
+
+    The sentence also states whether the full network is the fastest by both.
     """
     means = convergence(study)
     if PAPER_NETWORK not in means:
         return "Convergence: no fleet has a training of every network yet."
+
     listed = "; ".join(
         f"{format_factor('classifier', name)} {format_number(epochs)} epochs and "
         f"{format_number(seconds)} s"
         for name, (epochs, seconds) in means.items()
     )
-    others = [pair for name, pair in means.items() if name != PAPER_NETWORK]
-    is_first = all(means[PAPER_NETWORK][kind] < other[kind] for other in others for kind in (0, 1))
+    paper_epochs, paper_seconds = means[PAPER_NETWORK]
+    is_first = all(
+        paper_epochs < epochs and paper_seconds < seconds
+        for name, (epochs, seconds) in means.items()
+        if name != PAPER_NETWORK
+    )
+
     return (
         f"Convergence to a training loss that all reach: {listed}. The full network is "
         f"{'' if is_first else 'not '}the "
@@ -261,38 +297,35 @@ def convergence_sentence(study: StudyResult) -> str:
 
 
 def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path) -> Path:
-    """Path of ``report.html``: what came out of each experiment beside the paper, then a part for
-    each study.
+    """Write a page that compares each experiment with the paper, and return its path.
+
+    ``report.html`` begins with the results of all experiments and has a part for each study.
 
     Parameters
     ----------
-    results : by study, as `run_paper` gives them.
-    size : of the plans.
+    results : by study, as `run_paper` returns them.
+    size : name of a size of the plans.
     folder : made if it does not exist.
 
     Raises
     ------
     InputError
-        No result, or `folder` is a file.
+        There is no result, or `folder` is a file.
     """
     if not results:
-        raise InputError("there is no result of any experiment to write a page of.")
-    parts = [_part(study) for study in _with_each_twin_once(results)]
-    shown = [
-        drawing.name
-        for part in parts
-        for section in part.sections
-        for drawing in iterate_drawings(section.blocks)
-    ]
-    pictures = tuple(
-        (
-            Cell(name),
-            Cell(
-                ", ".join(each for each in shown if each.endswith(endings)) or "none on this page"
-            ),
-        )
-        for name, endings in PICTURES.items()
-    )
+        raise InputError("No experiment has a result to write a page of.")
+
+    parts = [_part(study) for study in _without_repeated_twins(results)]
+    drawings: list[str] = []
+    for part in parts:
+        for section in part.sections:
+            drawings += [drawing.name for drawing in iterate_drawings(section.blocks)]
+
+    pictures = []
+    for picture, endings in PICTURES.items():
+        matching = [name for name in drawings if name.endswith(endings)]
+        pictures.append((Cell(picture), Cell(", ".join(matching) or "none on this page")))
+
     overview = tuple(
         (Cell(heading), Cell(_result(study))) for heading, study in _experiments(results)
     )
@@ -317,7 +350,7 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
                     Table(
                         "Pictures of the paper, and ours: files in figures/.",
                         ("picture", "figures"),
-                        pictures,
+                        tuple(pictures),
                     ),
                 ),
             ),
@@ -337,19 +370,22 @@ def _part(study: StudyTable) -> Part:
     )
 
 
-def _with_each_twin_once(results: Mapping[str, StudyTable]) -> Iterator[StudyTable]:
-    """Studies without the calibrations that one before has shown."""
+def _without_repeated_twins(results: Mapping[str, StudyTable]) -> Iterator[StudyTable]:
+    """Yield the studies without the calibrations that a previous one has shown."""
     shown: set[tuple[str, str, tuple[str, ...]]] = set()
     for study in results.values():
         if isinstance(study, StudyResult):
-            named = {
-                (study.origin, each.twin.pump.name, each.recording_ids): each
-                for each in study.calibrations
-            }
-            study = replace(
-                study, calibrations=tuple(each for name, each in named.items() if name not in shown)
-            )
-            shown |= named.keys()
+            calibrations = {}
+            for calibration in study.calibrations:
+                key = (study.origin, calibration.twin.pump.name, calibration.recording_ids)
+                calibrations[key] = calibration
+
+            new_calibrations = [
+                calibration for key, calibration in calibrations.items() if key not in shown
+            ]
+            shown |= calibrations.keys()
+            study = replace(study, calibrations=tuple(new_calibrations))
+
         yield study
 
 
@@ -375,25 +411,23 @@ def _smaller(size: str) -> tuple[str, ...]:
 
 
 def _certainty(size: str, results: Mapping[str, StudyTable]) -> tuple[str, ...]:
-    """What the size, and the numbers of fleets, trainings and pumps, let one say."""
-    remarks = (
-        ["Size quick shows that every experiment runs, not how good it is."]
-        if size == "quick"
-        else []
-    )
+    """Return the limits of the results: size, and numbers of fleets, trainings and pumps."""
+    remarks = []
+    if size == "quick":
+        remarks.append("Size quick shows that every experiment runs, not how good it is.")
+
+    # The algorithms are repeated on one fleet, so their seeds are not fleets.
     repeated = f"{PAPER_STUDY}algorithms"
     seeds = sorted(
         {seed for name, study in results.items() if name != repeated for seed in study.seeds}
     )
     if seeds:
-        remarks.append(
-            f"{plural(len(seeds), 'fleet')} of pumps (seeds {', '.join(map(str, seeds))}). "
-            + (
-                "Differences are paired by fleet."
-                if len(seeds) > 1
-                else "Differences have no interval."
-            )
-        )
+        intervals = "Differences have no interval."
+        if len(seeds) > 1:
+            intervals = "Differences are paired by fleet."
+        fleet_count = plural(len(seeds), "fleet")
+        remarks.append(f"{fleet_count} of pumps (seeds {', '.join(map(str, seeds))}). {intervals}")
+
     if repeated in results:
         remarks.append(
             f"Algorithms: {plural(len(results[repeated].seeds), 'training')} of each on one fleet."

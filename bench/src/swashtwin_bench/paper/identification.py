@@ -1,10 +1,8 @@
-"""The paper's identification: IPINN at each learning rate of its grid, its loss curves, and RMSE,
-PE and SVE.
+"""The paper's identification: loss curves, RMSE, PE and SVE of the IPINN at each learning rate.
 
-Each pump of a fleet is calibrated on its recordings of the swash plate fault at one pressure but
-the last, which the errors are measured on. Two Gauss-Newton searches, alike but for the phases of
-the lines, show what becomes of the waveform's RMSE where phases are compared and where they are
-not.
+Each pump of a fleet is calibrated on its recordings of the swash plate fault at one pressure except
+the last, on which the errors are measured. Two Gauss-Newton searches that differ only in the phases
+of the lines show how the RMSE of the waveform depends on whether phases are compared.
 """
 
 from collections.abc import Callable, Sequence
@@ -69,22 +67,30 @@ class _Pump:
 
 
 def methods(size: str) -> dict[str, Contender | None]:
-    """Ways to identify the six values, by name; None for the nominal ones. At the paper's size
-    IPINN with the settled answer of RK4 inside the loss too, which is solved by lines and not step
-    by step.
+    """Return the ways to identify the six values, by name; `None` for the nominal ones.
+
+    At the paper's size there is also an IPINN with the steady state of RK4 inside the loss, which
+    is solved by lines and not step by step.
     """
-    searches = {f"ipinn_{rate:g}": Contender(IPINN(learning_rate=rate)) for rate in PAPER_RATES}
+    ways: dict[str, Contender | None] = {NOMINAL: None}
+    for rate in PAPER_RATES:
+        ways[f"ipinn_{rate:g}"] = Contender(IPINN(learning_rate=rate))
     if size == "paper":
-        searches["ipinn_rk4"] = Contender(IPINN(solver=RK4()))
-    phases_apart = ("gauss_newton_housing", "gauss_newton_housing_phases")
-    return {NOMINAL: None, **searches, **{name: CONTENDERS[name] for name in phases_apart}}
+        ways["ipinn_rk4"] = Contender(IPINN(solver=RK4()))
+
+    # These two differ only in the phases.
+    for name in ("gauss_newton_housing", "gauss_newton_housing_phases"):
+        ways[name] = CONTENDERS[name]
+
+    return ways
 
 
 def run_identification(
     work: Work, size: str, fleet: Callable[[int], Sequence[Recording]]
 ) -> StudyTable:
-    """Errors of every way to identify the six values, a trial for each pump, and the loss of each
-    epoch.
+    """Return the errors of every way to identify the six values, and the loss of each epoch.
+
+    Each pump is a trial.
 
     Parameters
     ----------
@@ -155,18 +161,19 @@ def run_identification(
 
 
 def _pumps(recordings: Sequence[Recording], seed: int) -> list[_Pump]:
+    """Return the pumps that have at least two recordings of the fault at the pressure."""
     by_pump: dict[str, list[Recording]] = {}
-    for recording in sorted(recordings, key=lambda each: each.recording_id):
+    for recording in sorted(recordings, key=lambda recording: recording.recording_id):
         condition = recording.condition
-        if (
-            recording.label == LABEL
-            and condition is not None
-            and values_match(condition.discharge_pressure, PRESSURE, PRESSURE_TOLERANCE)
-        ):
+        if recording.label != LABEL or condition is None:
+            continue
+        if values_match(condition.discharge_pressure, PRESSURE, PRESSURE_TOLERANCE):
             by_pump.setdefault(str(recording.specimen), []).append(recording)
-    pumps = [
-        _Pump(seed, name, tuple(of[:-1]), of[-1]) for name, of in by_pump.items() if len(of) > 1
-    ]
+
+    pumps = []
+    for name, (*train, held_out) in by_pump.items():
+        if train:
+            pumps.append(_Pump(seed, name, tuple(train), held_out))
     if not pumps:
         raise DataError(
             f"no pump has two recordings of {LABEL} at {PRESSURE / 1e6:g} MPa, one to calibrate on "
@@ -183,12 +190,14 @@ def _run(name: str, contender: Contender | None, pump: _Pump, out: Path | None) 
 
 
 def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
-    """Errors, losses and values of one search; of one that failed its reason alone."""
+    """Return errors, losses and values of one search, or only the reason if it failed."""
     condition = pump.held_out.condition
-    assert condition is not None  # by which it was chosen
+    assert condition is not None  # by which the recording was selected
+
     nominal = Twin(load_pump("25scy14-1b"), condition, FAULTS[LABEL])
     if contender is None:
         return {**errors_on(pump.held_out, nominal), "parameters": nominal.values.tolist()}
+
     try:
         calibration = calibrate(
             nominal,
@@ -201,6 +210,7 @@ def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
         )
     except InputError as cause:
         return {"refusal": str(cause)}
+
     values = {
         **errors_on(pump.held_out, calibration.twin),
         "wall_s": calibration.wall_s,
@@ -208,6 +218,7 @@ def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
     }
     if not isinstance(contender.method, IPINN):
         return values
+
     loss = calibration.history.loss
     return {
         **values,
@@ -219,7 +230,7 @@ def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
 
 
 def _sentence(study: StudyTable) -> str:
-    """What became of each error by the paper's rate, beside its claim that all fall."""
+    """Return the change of each error at the paper's rate, next to its claim that all fall."""
     changes = []
     for metric in ("rmse", "pe", "sve"):
         before, after = (
@@ -242,7 +253,7 @@ def _sentence(study: StudyTable) -> str:
 
 
 def values_table(study: StudyTable) -> Table:
-    """The six values: nominal, true and identified."""
+    """Return the six values: nominal, true and identified."""
 
     def logarithms(twin: str, name: str) -> np.ndarray:
         return np.log([row[name] for row in study.details["parameters"] if row["twin"] == twin])
@@ -295,45 +306,44 @@ def values_table(study: StudyTable) -> Table:
 
 @figure_style()
 def rates_drawing(study: StudyTable) -> Drawing:
-    """Loss of each epoch: for each learning rate the median over pumps, and the middle half of
-    them.
-    """
+    """Return the loss of each epoch by learning rate: the median and the middle half of the pumps."""
     curves = study.details["curves"]
     names = list(dict.fromkeys(curve["twin"] for curve in curves))
     colors = series_colors(names)
     figure, axes = create_panels(1, 1, 3.6)
     panel = axes[0, 0]
-    cut, rises = 0.0, []
+    cut = 0.0
+    rises = []
+
     for name in names:
-        of_name = [curve["loss"] for curve in curves if curve["twin"] == name]
-        losses = np.full((len(of_name), max(map(len, of_name))), np.nan)
-        for row, loss in zip(losses, of_name, strict=True):
+        # Curves may have different lengths: the rest is NaN, which percentiles skip.
+        pump_losses = [curve["loss"] for curve in curves if curve["twin"] == name]
+        losses = np.full((len(pump_losses), max(map(len, pump_losses))), np.nan)
+        for row, loss in zip(losses, pump_losses, strict=True):
             row[: len(loss)] = loss
+
         epoch = np.arange(1, losses.shape[1] + 1)
         low, middle, high = np.nanpercentile(losses, (25, 50, 75), axis=0)
         panel.fill_between(epoch, low, high, color=colors[name], alpha=0.12, linewidth=0)
         panel.plot(epoch, middle, color=colors[name], linewidth=1.5, label=format_label(name))
+
         cut = max(cut, _CUT * float(middle[0]))
-        rises.append(
-            f"{format_number(max(max(loss) / loss[0] for loss in of_name))} ({format_label(name)})"
-        )
+        rise = max(max(loss) / loss[0] for loss in pump_losses)
+        rises.append(f"{format_number(rise)} ({format_label(name)})")
+
     panel.set(xlabel="epoch", ylabel="loss [m/s²]", yscale="log")
     if 0 < cut < panel.get_ylim()[1]:
         panel.set_ylim(top=cut)
     label_log_axis(panel.yaxis)
     if names:
         figure.legend(loc="outside upper center", ncols=3)
-    rows = [
-        {
-            "twin": curve["twin"],
-            "seed": curve["seed"],
-            "specimen": curve["specimen"],
-            "epoch": epoch,
-            "loss": loss,
-        }
-        for curve in curves
-        for epoch, loss in enumerate(curve["loss"], 1)
-    ]
+
+    rows = []
+    for curve in curves:
+        factors = {name: curve[name] for name in ("twin", "seed", "specimen")}
+        for number, loss in enumerate(curve["loss"], 1):
+            rows.append({**factors, "epoch": number, "loss": loss})
+
     return render_drawing(
         f"{study.study.replace('-', '_')}_rates",
         figure,

@@ -100,9 +100,10 @@ def wrong_twins(work: Work, settings: WrongTwinSettings) -> StudyTable:
 _NOTES = (
     "Means over a family's trials. Identified and covered count values of six: those called "
     "identified, and those of them whose 90 % interval holds the truth.",
-    f"Errs: a value is off by more than {MAX_ERROR_HALF_WIDTHS:g} half widths of its interval. Warned: a refusal, "
-    "or any note but those of values not identified and of bounds that were widened. Named: a "
-    "warning holds the words for the mistake; counted where one was given and such words exist.",
+    f"Errs: a value is off by more than {MAX_ERROR_HALF_WIDTHS:g} half widths of its interval. "
+    "Warned: a refusal, or any note but those of values not identified and of bounds that were "
+    "widened. Named: a warning holds the words for the mistake; counted where one was given and "
+    "such words exist.",
     "Intervals are Wilson's, of 95 %, as if the values of one trial were one draw.",
 )
 

@@ -66,7 +66,7 @@ def tiny_paper(recordings: list[Recording]) -> Iterator[pytest.MonkeyPatch]:
         patch.setattr(
             "swashtwin_bench.studies.training_sets.discriminative_score", lambda *_, **__: 0.5
         )
-        patch.setattr("swashtwin_bench.results.figures._tsne", lambda features: features[:, :2])
+        patch.setattr("swashtwin_bench.results.figures._compute_tsne", lambda features: features[:, :2])
         patch.setattr(experiments, "find_fleets", fleets)
         patch.setitem(plans.SCENARIOS, ("paper", "quick"), TINY)
         patch.setitem(plans.CASE_TWO, ("paper", "quick"), {"scarce_windows": 0})

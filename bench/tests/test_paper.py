@@ -66,7 +66,9 @@ def tiny_paper(recordings: list[Recording]) -> Iterator[pytest.MonkeyPatch]:
         patch.setattr(
             "swashtwin_bench.studies.training_sets.discriminative_score", lambda *_, **__: 0.5
         )
-        patch.setattr("swashtwin_bench.results.figures._compute_tsne", lambda features: features[:, :2])
+        patch.setattr(
+            "swashtwin_bench.results.figures._compute_tsne", lambda features: features[:, :2]
+        )
         patch.setattr(experiments, "find_fleets", fleets)
         patch.setitem(plans.SCENARIOS, ("paper", "quick"), TINY)
         patch.setitem(plans.CASE_TWO, ("paper", "quick"), {"scarce_windows": 0})
@@ -243,7 +245,7 @@ def test_a_training_set_has_as_many_windows_of_each_class_as_the_plan_says(
     assert by_class.pop("swash_plate") == 17 - scenario.synthetic
     assert set(by_class.values()) == {17}
     assert counts["swash_plate", scenario.pressure] == scenario.scarce_windows
-    with pytest.raises(DataError, match=r"500 training windows of \w+ are wanted .* record longer"):
+    with pytest.raises(DataError, match=r"needs 500 training windows of \w+ .* Record longer"):
         prepare_dataset(recordings, replace(scenario, class_windows=500), 0, [])
 
 

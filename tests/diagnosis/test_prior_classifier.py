@@ -433,7 +433,10 @@ def test_a_prior_that_cannot_be_used_is_refused_or_reported() -> None:
         *pistons[:6],
         *(replace(member, label="swash_plate") for member in pistons[6:]),
     ]
-    valve_plates = [recording("valve_plate", number) for number in range(6)]
+    relabeled = [
+        replace(member, label="riss") if member.label == "valve_plate" else member
+        for member in training_recordings()
+    ]
     few = informed(validation_fraction=0.0, error_rate=None)
 
     assert any(
@@ -442,7 +445,7 @@ def test_a_prior_that_cannot_be_used_is_refused_or_reported() -> None:
     with pytest.raises(
         InputError, match=r"does not know the class 'riss', .* fault_of='riss=piston'"
     ):
-        few.fit([*healthy(6), *(replace(member, label="riss") for member in valve_plates)])
+        few.fit(relabeled)
 
     with pytest.raises(InputError, match="needs recordings"):
         few.fit(np.zeros((4, 1, 64)), ["a", "a", "b", "b"])

@@ -34,9 +34,12 @@ RECESS = {
     "leakage": 1,
 }
 SLIDERS: list[tuple[str, str, dict[str, float]]] = [
-    ("", "K_v: block", {}), ("", "Discharge pressure", {}), ("swash_plate", "Fault: depth", RECESS),
-    ("piston", "Fault: clearance", {"clearance": 4e-5}), ("loose_slipper", "Fault: clearance", {"clearance": 1e-4}),
-]  # fmt: skip
+    ("", "K_v: block", {}),
+    ("", "Discharge pressure", {}),
+    ("swash_plate", "Fault: depth", RECESS),
+    ("piston", "Fault: clearance", {"clearance": 4e-5}),
+    ("loose_slipper", "Fault: clearance", {"clearance": 1e-4}),
+]
 
 
 def told(**figures: object) -> None:

@@ -56,9 +56,15 @@ def line_of(row: dict[str, Any]) -> str:
     """Line of the table."""
     counts = row["outcomes"]
     cells = [
-        row["format"], counts.total(), counts["refused"], counts["crash"], counts["exception"] + counts["two_lines"],
-        sum(counts[kind] for kind in SILENT), counts["hang"], f"{row['seconds']:.1f}",
-    ]  # fmt: skip
+        row["format"],
+        counts.total(),
+        counts["refused"],
+        counts["crash"],
+        counts["exception"] + counts["two_lines"],
+        sum(counts[kind] for kind in SILENT),
+        counts["hang"],
+        f"{row['seconds']:.1f}",
+    ]
     return f"| {' | '.join(map(str, cells))} |"
 
 

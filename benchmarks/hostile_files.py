@@ -7,11 +7,12 @@ contradict. `BOMBS` are small files that ask for too much memory or time.
 
 A file must be refused in one line by a SwashTwinError, or read with the rate, the unit, the length
 and the samples that it states. A damaged file of a format without a checksum may hold other
-samples, but not another rate. The only exceptions, counted apart as `resolve_sample_rate`: HDF5 files of
-the layout that MATLAB and many others write, and uncompressed MATLAB files, in which nothing has a
-checksum, so that changed bytes (not missing ones) that state the rate, or say where it stands,
-cannot be told from true ones unless the rate is absurd; and TDMS files of which only one channel is
-left, so that no other contradicts.
+samples, but not another rate. Two exceptions are counted apart as `resolve_sample_rate`:
+
+- HDF5 files of the layout that MATLAB and many other programs write, and uncompressed MATLAB files.
+  Nothing in them has a checksum. Changed bytes (not missing ones) that state the rate, or its
+  address in the file, are therefore detected only if the rate is absurd.
+- TDMS files of which only one channel remains, so that no other channel contradicts it.
 """
 
 import gzip
@@ -57,8 +58,19 @@ MEMORY_KB = 1_500_000
 LYING = 4
 """Each so many files one is whole and lies."""
 STATES_UNIT = (
-    "csv", "csv_gz", "mat5", "mat5_plain", "hdf5", "hdf5_foreign", "tdms", "uff", "parquet", "npz", "mdf", "store",
-)  # fmt: skip
+    "csv",
+    "csv_gz",
+    "mat5",
+    "mat5_plain",
+    "hdf5",
+    "hdf5_foreign",
+    "tdms",
+    "uff",
+    "parquet",
+    "npz",
+    "mdf",
+    "store",
+)
 """Formats that state the unit."""
 _WORDS = (
     b"\x00" * 4,
@@ -92,8 +104,8 @@ def _header_lines(folder: Path) -> Path:
     rows = zip(recording().time, *recording().signal, strict=True)
     lines = "".join("\t".join(f"{value:.10f}" for value in row) + "\n" for row in rows)
     text = (
-        "%\n% Convert TDMS to ASCII\n% File created on 10-4-2026\n%\n\nTime     \tch 0     \tch 1     \n"
-        + lines
+        "%\n% Convert TDMS to ASCII\n% File created on 10-4-2026\n%\n\n"
+        "Time     \tch 0     \tch 1     \n" + lines
     )
     (folder / "a.dat.gz").write_bytes(gzip.compress(text.encode()))
     return folder / "a.dat.gz"
@@ -140,13 +152,26 @@ def _write_universal(
     steps = [0.0 if rate is None else float(np.divide(1.0, rate)) for rate in rates]
     sets = [
         pyuff.prepare_58(
-            id1=f"s{number}", func_type=1, rsp_node=number, rsp_dir=1, ref_node=0, ref_dir=0, ord_data_type=4,
-            num_pts=len(row), abscissa_spacing=1, abscissa_min=0.0, abscissa_inc=step, abscissa_spec_data_type=17,
-            ordinate_spec_data_type=12, orddenom_spec_data_type=0, ordinate_axis_units_lab=unit[:20], data=row,
+            id1=f"s{number}",
+            func_type=1,
+            rsp_node=number,
+            rsp_dir=1,
+            ref_node=0,
+            ref_dir=0,
+            ord_data_type=4,
+            num_pts=len(row),
+            abscissa_spacing=1,
+            abscissa_min=0.0,
+            abscissa_inc=step,
+            abscissa_spec_data_type=17,
+            ordinate_spec_data_type=12,
+            orddenom_spec_data_type=0,
+            ordinate_axis_units_lab=unit[:20],
+            data=row,
             x=np.arange(len(row)) * step,
         )
         for number, (row, step, unit) in enumerate(zip(rows, steps, units, strict=True))
-    ]  # fmt: skip
+    ]
     pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
     return path
 

@@ -3,9 +3,9 @@ recordings, beside trees.
 
     python benchmarks/new_pumps.py --fleets 30,31 --version 2 --pumps 2
 
-Trees are extra trees on the levels of whole recordings (`RecordingBandLayout`), and on their changes
-from the median of the other healthy recordings of the pump at the pressure. One line of JSON a
-fleet.
+Trees are extra trees on the band powers of whole recordings (`RecordingBandLayout`), and on their
+changes from the median of the other healthy recordings of the pump at the pressure. Each fleet
+prints one line of JSON.
 """
 
 import argparse
@@ -76,11 +76,16 @@ def fleet_row(fleet: int, version: str, pumps: int) -> dict[str, object]:
         beside[row] = False
         changes[row] -= np.median(band_powers[beside], axis=0)
     return {
-        "fleet": fleet, "version": version, "pumps": pumps, "n": len(tested), "training_cpu_s": cost,
+        "fleet": fleet,
+        "version": version,
+        "pumps": pumps,
+        "n": len(tested),
+        "training_cpu_s": cost,
         "default": judged([classifier.diagnose(item) for item in tested], label[~trains]),
         "with_own_healthy": judged([compared.diagnose(item) for item in tested], label[~trains]),
-        "trees_on_levels": trees(band_powers, label, trains), "trees_on_changes": trees(changes, label, trains),
-    }  # fmt: skip
+        "trees_on_levels": trees(band_powers, label, trains),
+        "trees_on_changes": trees(changes, label, trains),
+    }
 
 
 if __name__ == "__main__":

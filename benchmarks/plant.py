@@ -195,9 +195,13 @@ def main() -> None:
         write_recordings(folder / "new", options.recordings)
     rows = compare(sides, folder, options.watched)
     facts: dict[str, Any] = {
-        **rows, "windows": options.windows, "recordings": options.recordings, "watched": options.watched,
-        "seconds": SECONDS, "load": os.getloadavg()[0],
-    }  # fmt: skip
+        **rows,
+        "windows": options.windows,
+        "recordings": options.recordings,
+        "watched": options.watched,
+        "seconds": SECONDS,
+        "load": os.getloadavg()[0],
+    }
     if options.json:
         print(json.dumps(facts, indent=1))
         return

@@ -187,7 +187,8 @@ class Broker:
         self.port = free_port()
         self._config = folder / "mosquitto.conf"
         self._config.write_text(
-            f"listener {self.port} 127.0.0.1\nallow_anonymous true\npersistence true\npersistence_location {folder}/\n"
+            f"listener {self.port} 127.0.0.1\nallow_anonymous true\n"
+            f"persistence true\npersistence_location {folder}/\n"
             f"autosave_interval 1\nmax_queued_messages 0\nuser {os.environ.get('USER', 'root')}\n",
             encoding="utf-8",
         )
@@ -388,7 +389,10 @@ class Deliveries:
     def _by_upload(self, name: str, content: bytes) -> None:
         url = f"{self._watch.address}/api/recordings?machine=by-upload"
         while True:
-            head = f'--part-of-kills\r\nContent-Disposition: form-data; name="file"; filename="{name}"\r\n\r\n'
+            head = (
+                "--part-of-kills\r\n"
+                f'Content-Disposition: form-data; name="file"; filename="{name}"\r\n\r\n'
+            )
             body = head.encode() + content + b"\r\n--part-of-kills--\r\n"
             headers = {"Content-Type": "multipart/form-data; boundary=part-of-kills"}
             request = urllib.request.Request(url, body, headers)
@@ -427,7 +431,8 @@ def torment(folder: Path, kills: int, is_small: bool) -> dict[str, Any]:
     moments, events = random.Random(0), Counter[str]()
     database, broker = Database(), Broker(folder / "broker")
     broker.start()
-    text = f'[[source]]\nkind = "mqtt"\nhost = "127.0.0.1"\nport = {broker.port}\ntopic = "plant/+/raw"\n'
+    text = '[[source]]\nkind = "mqtt"\nhost = "127.0.0.1"\n'
+    text += f'port = {broker.port}\ntopic = "plant/+/raw"\n'
     text += "[retention]\nper_day = 1\nlast = 5\nalarms = 5\n"
     machines = ["by-folder", "by-broker", "by-upload"]
     config = write_config(folder, machines, text=text, history=database.url, data="disk/data")

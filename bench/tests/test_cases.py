@@ -221,11 +221,15 @@ def test_a_row_of_fewer_seeds_than_the_study_says_so_and_each_command_is_named(
 
 def test_each_variant_of_a_study_has_a_split_and_rows_stand_in_the_order_of_the_study() -> None:
     runs = [
-        {**each, "factors": {**each["factors"], "pumps": value}, "roles": {**each["roles"], "train": [value]},
-         "cells": {**each["cells"], "L2": {"normal @ 15 MPa": int(value)}}}
+        {
+            **each,
+            "factors": {**each["factors"], "pumps": value},
+            "roles": {**each["roles"], "train": [value]},
+            "cells": {**each["cells"], "L2": {"normal @ 15 MPa": int(value)}},
+        }
         for each in STUBS
         for value in ("2", "1")
-    ]  # fmt: skip
+    ]
     study = build_study(
         replace(build_plan("case1"), varied="pumps", variants={"1": {}, "2": {}}), runs
     )
@@ -318,6 +322,10 @@ def test_rows_of_no_synthetic_window_are_compared_with_those_of_every_number() -
         )
     ]
     pairs = build_study(build_plan("augmentation"), runs).differences()
-    assert {(p.first["synthetic"], p.second["training_set"], p.second["synthetic"]) for p in pairs} == {
-        ("72", "measured", "0"), ("200", "measured", "0"), ("72", "nominal", "72"),
-    }  # fmt: skip
+    assert {
+        (p.first["synthetic"], p.second["training_set"], p.second["synthetic"]) for p in pairs
+    } == {
+        ("72", "measured", "0"),
+        ("200", "measured", "0"),
+        ("72", "nominal", "72"),
+    }

@@ -63,8 +63,14 @@ def test_bearing_recordings_have_their_own_rates_speeds_and_published_kurtosis(
         shutil.copy(public_data / "cwru" / rows[number]["file"], tmp_path)
     recordings = read_cwru(tmp_path)
     assert [recording.recording_id for recording in recordings] == [
-        "cwru_97_DE", "cwru_97_FE", "cwru_105_DE", "cwru_174_DE", "cwru_237_DE", "cwru_278_FE", "cwru_3001_DE",
-    ]  # fmt: skip
+        "cwru_97_DE",
+        "cwru_97_FE",
+        "cwru_105_DE",
+        "cwru_174_DE",
+        "cwru_237_DE",
+        "cwru_278_FE",
+        "cwru_3001_DE",
+    ]
     assert [recording.sample_rate for recording in recordings] == [
         48e3,
         48e3,
@@ -182,9 +188,15 @@ def test_the_motor_set_has_the_blocks_of_its_table(public_data: Path) -> None:
     assert len(recordings) == len(table) == 220
     for recording in recordings:
         row = table[recording.attributes["file"]]
-        assert (recording.label, recording.attributes["block"], recording.attributes["transient"]) == (
-            row["label"], row["block"], row["transient"],
-        )  # fmt: skip
+        assert (
+            recording.label,
+            recording.attributes["block"],
+            recording.attributes["transient"],
+        ) == (
+            row["label"],
+            row["block"],
+            row["transient"],
+        )
     assert {
         (recording.sample_rate, recording.channels, recording.signal.shape)
         for recording in recordings

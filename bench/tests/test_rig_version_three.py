@@ -106,9 +106,16 @@ def test_a_fault_of_severity_zero_is_a_healthy_pump(pump: Pump, mode: str) -> No
 
 
 LOUDER = {
-    "recess": "seepage", "scoring": "swash_z", "face": "seepage", "scuffed": "rotor_y", "scratch": "jets",
-    "erosion": "jets", "wear": "seepage", "race": "rotor_y", "cavitation": "cover_z",
-}  # fmt: skip
+    "recess": "seepage",
+    "scoring": "swash_z",
+    "face": "seepage",
+    "scuffed": "rotor_y",
+    "scratch": "jets",
+    "erosion": "jets",
+    "wear": "seepage",
+    "race": "rotor_y",
+    "cavitation": "cover_z",
+}
 """What a fault raises: a power lost in the oil, or the sharpness of a path's noise."""
 ONCE_A_TURN = {"bore": "rotor_y", "face": "cover_z", "scuffed": "cover_z", "loose": "swash_z"}
 EACH_PASS = dict.fromkeys(("scratch", "erosion", "wear", "cavitation"), "cover_z")

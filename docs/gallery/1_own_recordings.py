@@ -2,11 +2,13 @@
 From recordings to a verdict
 ============================
 
-You have a folder of recordings, and for each recording you know whether the pump was healthy or which fault it had. This
-tutorial trains a model that classifies a new recording and reports how certain the class is.
+You have a folder of recordings, and for each recording you know whether the pump was healthy or
+which fault it had. This tutorial trains a model that classifies a new recording and reports how
+certain the class is.
 
-:doc:`/how-to/recordings` lists the file formats and shows how to write the index of your own folder. Here the recordings
-come from the virtual rig, which simulates a machine. :doc:`/reference/nomenclature` defines the terms.
+:doc:`/how-to/recordings` lists the file formats and shows how to write the index of your own
+folder. Here the recordings come from the virtual rig, which simulates a machine.
+:doc:`/reference/nomenclature` defines the terms.
 """
 
 # %%
@@ -27,17 +29,17 @@ recordings
 # %%
 # Check
 # -----
-# Before you train, look for gaps, clipping, dead channels, copies and sample rates that differ. On the command line:
-# ``swashtwin inspect rig``.
+# Before you train, look for gaps, clipping, dead channels, copies and sample rates that differ.
+# On the command line: ``swashtwin inspect rig``.
 
 print(st.inspect_recordings(list(recordings)))
 
 # %%
 # Split
 # -----
-# Whole recordings are held out, because the windows (slices) of one recording resemble each other. A model that was
-# trained on half of them recognizes the other half, so its score says nothing about new recordings
-# (:doc:`/how-to/leakage`).
+# Whole recordings are held out, because the windows (slices) of one recording resemble each other.
+# A model that was trained on half of them recognizes the other half, so its score says nothing
+# about new recordings (:doc:`/how-to/leakage`).
 
 train, test = recordings.split(test=0.2, by="recording", seed=0)
 print(len(train), "recordings to train,", len(test), "to test")
@@ -45,9 +47,9 @@ print(len(train), "recordings to train,", len(test), "to test")
 # %%
 # Train
 # -----
-# By default, training compares two candidates by cross-validation on the training recordings, as measured and with
-# changed noise, gain and speed. It selects the better candidate. On the command line:
-# ``swashtwin train rig --out pump.safetensors``.
+# By default, training compares two candidates by cross-validation on the training recordings, as
+# measured and with changed noise, gain and speed. It selects the better candidate. On the command
+# line: ``swashtwin train rig --out pump.safetensors``.
 
 classifier = st.FaultClassifier(seed=0).fit(train)
 print("accuracy on held-out recordings:", round(classifier.score(test), 2))

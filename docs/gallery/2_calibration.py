@@ -2,16 +2,17 @@
 Calibrate the twin of your pump
 ===============================
 
-The twin is a model of the pump with 13 degrees of freedom (:doc:`/explanation/physics`). Six of its values differ from
-pump to pump and are in no drawing: stiffness and damping of the three lubricated interfaces. Calibration estimates
-them from *healthy* recordings, each with an interval and a verdict. :doc:`/reference/nomenclature` defines the terms.
+The twin is a model of the pump with 13 degrees of freedom (:doc:`/explanation/physics`). Six of its
+values differ from pump to pump and are in no drawing: stiffness and damping of the three lubricated
+interfaces. Calibration estimates them from *healthy* recordings, each with an interval and a
+verdict. :doc:`/reference/nomenclature` defines the terms.
 """
 
 # %%
 # Load the pump
 # -------------
-# For your own pump, write a parameter file from its nameplate: ``swashtwin twin pump new mine --displacement
-# "45 cm3/rev" --pistons 9 --speed "1500 rpm" --pressure "280 bar"``.
+# For your own pump, write a parameter file from its nameplate: ``swashtwin twin pump new mine
+# --displacement "45 cm3/rev" --pistons 9 --speed "1500 rpm" --pressure "280 bar"``.
 
 import matplotlib.pyplot as plt
 
@@ -39,7 +40,8 @@ calibration = st.calibrate(pump, healthy, seed=0)
 for estimate in calibration.estimates:
     low, high = estimate.interval
     print(
-        f"{estimate.symbol:5} {estimate.value:9.3g} {estimate.unit:7} ({low:.2g} to {high:.2g})  {estimate.verdict}"
+        f"{estimate.symbol:5} {estimate.value:9.3g} {estimate.unit:7} "
+        f"({low:.2g} to {high:.2g})  {estimate.verdict}"
     )
 for note in calibration.notes:
     print("-", note)
@@ -63,7 +65,8 @@ plt.show()
 # %%
 # Compare with the nominal twin
 # -----------------------------
-# The reduction of each error of the twin by the calibration. A negative number means that the error grew.
+# The reduction of each error of the twin by the calibration. A negative number means that the error
+# grew.
 
 for name, share in calibration.improvement.items():
     print(f"{name:5} {100 * share:+.0f} %")

@@ -2,15 +2,16 @@
 Train on a fault that was never recorded
 ========================================
 
-Assume that a worn swash plate was never recorded at one pressure. A calibrated twin can simulate the fault at that
-pressure. The classifier then trains on measured and synthetic windows (slices of a recording) together.
-:doc:`/reference/nomenclature` defines the terms.
+Assume that a worn swash plate was never recorded at one pressure. A calibrated twin can simulate
+the fault at that pressure. The classifier then trains on measured and synthetic windows (slices of
+a recording) together. :doc:`/reference/nomenclature` defines the terms.
 """
 
 # %%
 # Make a gap
 # ----------
-# Exclude the swash plate fault at the highest pressure from the training. These recordings are the test set.
+# Exclude the swash plate fault at the highest pressure from the training. These recordings are the
+# test set.
 
 import swashtwin as st
 from swashtwin_bench import build_rig
@@ -46,8 +47,8 @@ calibration
 # %%
 # Synthesize windows
 # ------------------
-# The fault is a recess of 0.07 mm in the swash plate. The windows are marked as synthetic, so swashtwin refuses them in
-# a test set.
+# The fault is a recess of 0.07 mm in the swash plate. The windows are marked as synthetic, so
+# swashtwin refuses them in a test set.
 
 fault = st.SwashPlateDefect(depth=st.mm(0.07))
 synthetic = st.synthesize(calibration, fault, count=60, like=measured, pressure=high, seed=0)
@@ -56,8 +57,8 @@ synthetic
 # %%
 # Compare
 # -------
-# Count the recordings in the gap that each classifier names correctly. One small rig proves nothing:
-# :doc:`/bench/evidence` has ten fleets, with intervals.
+# Count the recordings in the gap that each classifier names correctly. One small rig proves
+# nothing: :doc:`/bench/evidence` has ten fleets, with intervals.
 
 without = st.FaultClassifier(seed=0).fit(measured)
 with_twin = st.FaultClassifier(seed=0).fit(measured, synthetic=synthetic)

@@ -306,7 +306,10 @@ def values_table(study: StudyTable) -> Table:
 
 @figure_style()
 def rates_drawing(study: StudyTable) -> Drawing:
-    """Return the loss of each epoch by learning rate: the median and the middle half of the pumps."""
+    """Return the loss of each epoch by learning rate.
+
+    A curve is the median over the pumps, its band the middle half.
+    """
     curves = study.details["curves"]
     names = list(dict.fromkeys(curve["twin"] for curve in curves))
     colors = series_colors(names)
@@ -349,7 +352,7 @@ def rates_drawing(study: StudyTable) -> Drawing:
         figure,
         tabulate(rows),
         title="Loss of the IPINN by learning rate",
-        caption="Spectrum loss and boundary loss together: the median over pumps, and the 25th to 75th percentile. "
-        f"Cut at {_CUT} times the median loss of epoch 1; single epochs reach at most so many "
+        caption="Spectrum loss and boundary loss together: the median over pumps, and the 25th to "
+        f"75th percentile. Cut at {_CUT} times the median loss of epoch 1; single epochs reach at most so many "
         f"times the first loss of their pump: {', '.join(rises) or 'none'}.",
     )

@@ -84,7 +84,9 @@ def bearing_life(work: Work, folder: Path) -> StudyTable:
             _describe_alarms("plain rule", [figures["plain_at"] for figures in values]),
         ),
         settings={"healthy": N_HEALTHY, "early": EARLY},
-        origin="bearing_run_to_failure: six bearings run until they failed (PRONOSTIA, IEEE PHM 2012).",
+        origin=(
+            "bearing_run_to_failure: six bearings run until they failed (PRONOSTIA, IEEE PHM 2012)."
+        ),
         notes=_NOTES,
     )
 

@@ -198,7 +198,10 @@ def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
         trials=(*trials, *leaky),
         answer=_answer(trials, settings.classifiers),
         settings={"sets": sets},
-        origin="Public recordings of real machines; none of them is an axial piston pump with known faults.",
+        origin=(
+            "Public recordings of real machines; none of them is an axial piston pump with known "
+            "faults."
+        ),
         notes=(*_NOTES, *sorted(refusals), *skipped),
         details={"folds": [_describe_fold(case, row) for case, row in rows]},
     )

@@ -200,7 +200,9 @@ def _answer(study: StudyTable, settings: AlarmStudySettings) -> Iterator[str]:
 
         findings = int(sum(trial.values["findings"] for trial in healthy))
         share = _share(findings, watched)
-        yield f"Findings about sensors or a pump at rest in healthy recordings: {findings} ({share})."
+        yield (
+            f"Findings about sensors or a pump at rest in healthy recordings: {findings} ({share})."
+        )
 
     trends = typical_faults(settings.rig)
     worn = [trial for trial in study.trials if trial.factors["course"] != HEALTHY]

@@ -87,8 +87,11 @@ def wrong_twins(work: Work, settings: WrongTwinSettings) -> StudyTable:
             "spread": SPREAD,
             "pressure_mpa": 10,
         },
-        origin="Simulations of the twin with noise 30 dB below, in which all but the stated mistake is right; in the "
-        "families named so, recordings of the virtual rig, a stand-in for a machine.",
+        origin=(
+            "Simulations of the twin with noise 30 dB below, in which all but the stated mistake "
+            "is right; in the families named so, recordings of the virtual rig, a stand-in for a "
+            "machine."
+        ),
         notes=_NOTES,
         details={
             "families": family_counts(trials),

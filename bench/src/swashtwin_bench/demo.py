@@ -56,7 +56,7 @@ _ERROR_RATE = 0.1
 
 @dataclass(frozen=True)
 class Demo:
-    """Results of the demo, and where it wrote them."""
+    """Results of the demo, and the paths of its files."""
 
     study: StudyResult
     """Case II of the paper in its quick size."""

@@ -173,7 +173,7 @@ def _prepare_watch(out: Path, port: int) -> "tuple[WatchConfig, threading.Thread
 
 
 def _write_month(recordings: "Iterable[Recording]", folder: Path) -> None:
-    """Write the recordings into the watched folder as fast as they are computed.
+    """Write each recording into the watched folder once it is computed.
 
     The times of the files are spread over the month that ends now.
     """

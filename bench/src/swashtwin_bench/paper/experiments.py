@@ -371,8 +371,8 @@ def _part(study: StudyTable) -> Part:
 
 
 def _without_repeated_twins(results: Mapping[str, StudyTable]) -> Iterator[StudyTable]:
-    """Yield the studies without the calibrations that a previous one has shown."""
-    shown: set[tuple[str, str, tuple[str, ...]]] = set()
+    """Yield the studies without the calibrations that a previous one has reported."""
+    reported_keys: set[tuple[str, str, tuple[str, ...]]] = set()
     for study in results.values():
         if isinstance(study, StudyResult):
             calibrations = {}
@@ -381,9 +381,9 @@ def _without_repeated_twins(results: Mapping[str, StudyTable]) -> Iterator[Study
                 calibrations[key] = calibration
 
             new_calibrations = [
-                calibration for key, calibration in calibrations.items() if key not in shown
+                calibration for key, calibration in calibrations.items() if key not in reported_keys
             ]
-            shown |= calibrations.keys()
+            reported_keys |= calibrations.keys()
             study = replace(study, calibrations=tuple(new_calibrations))
 
         yield study

@@ -5,6 +5,7 @@ the last, on which the errors are measured. Two Gauss-Newton searches that diffe
 of the lines show how the RMSE of the waveform depends on whether phases are compared.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,10 +29,10 @@ from swashtwin_bench.rigs.fleet import DISPERSION, FLEET_FACTORS
 STUDY = f"{PAPER_STUDY}identification"
 LABEL = "swash_plate"
 PRESSURE = MPa(15)
-"""Discharge pressure of the recordings that are calibrated on [Pa]."""
+"""Discharge pressure of the recordings of the study [Pa]."""
 NOMINAL = "nominal"
 LOWEST_RATE = f"ipinn_{min(PAPER_RATES):g}"
-"""The paper's choice: the least rate of its grid."""
+"""The search at the rate that the paper selects: the lowest of its grid."""
 
 METRICS = {
     "rmse": "RMSE [m/s²]",
@@ -43,17 +44,18 @@ METRICS = {
     "wall_s": "time of one search [s]",
 }
 
+# Values that the paper prints, empirical to identified.
 _PRINTED = {
     "slipper_swash.damping": "1.86·10⁶ to 0.778·10⁶ N·s/m",
     "piston_bore.damping": "3.40·10⁴ to 15.3·10⁴ N·s/m",
 }
 
-# Letter of each value in the paper.
-_LETTERS = dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_hz", "K_hz"), strict=True))
+# Symbol of each value in the paper.
+_SYMBOLS = dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_hz", "K_hz"), strict=True))
 
-# The figure ends at so many times the median loss of epoch 1: single epochs of a high rate are far
-# above.
-_CUT = 2
+# Top of the figure, as a multiple of the median loss of epoch 1: single epochs of a high rate lie
+# far above.
+_MAX_DRAWN_LOSS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,42 +105,43 @@ def run_identification(
     DataError
         No pump has two recordings of the fault at the pressure.
     """
-    pumps = [pump for seed in work.seeds for pump in _pumps(fleet(seed), seed)]
-    cases = [
-        (name, contender, pump, work.out)
-        for name, contender in methods(size).items()
-        for pump in pumps
-    ]
-    runs = work.map("searches", _run, cases)
-    results = [(name, pump, run) for (name, _, pump, _), run in zip(cases, runs, strict=True)]
-    refusals = dict.fromkeys(
-        f"{name}: {run['refusal']}" for name, _, run in results if "refusal" in run
-    )
+    pumps: list[_Pump] = []
+    for seed in work.seeds:
+        pumps.extend(_pumps(fleet(seed), seed))
 
-    def named(key: str) -> list[tuple[dict[str, Any], Any]]:
-        return [
-            ({"twin": n, "seed": p.seed, "specimen": p.name}, run[key])
-            for n, p, run in results
-            if run.get(key)
-        ]
+    searches = methods(size)
+    cases: list[tuple[str, Contender | None, _Pump, Path | None]] = []
+    for name, contender in searches.items():
+        cases.extend((name, contender, pump, work.out) for pump in pumps)
+
+    trials = []
+    refusals = []
+    curves = []
+    parameters = []
+    runs = work.map("searches", _run, cases)
+    for (name, _, pump, _), run in zip(cases, runs, strict=True):
+        values = {metric: run[metric] for metric in METRICS if metric in run}
+        trials.append(Trial({"twin": name}, pump.seed, values))
+
+        factors = {"twin": name, "seed": pump.seed, "specimen": pump.name}
+        if "refusal" in run:
+            refusals.append(f"{name}: {run['refusal']}")
+        if run.get("curve"):
+            curves.append({**factors, "loss": run["curve"]})
+        if run.get("parameters"):
+            estimates = dict(zip(PARAMETERS, run["parameters"], strict=True))
+            parameters.append({**factors, **estimates})
 
     study = StudyTable(
         study=STUDY,
         title="The paper's identification: learning rates of the IPINN, and errors of the twin",
         metrics=METRICS,
-        trials=tuple(
-            Trial(
-                {"twin": name},
-                pump.seed,
-                {metric: run[metric] for metric in METRICS if metric in run},
-            )
-            for name, pump, run in results
-        ),
+        trials=tuple(trials),
         answer=(),
         settings={
             "label": LABEL,
             "pressure_Pa": PRESSURE,
-            "methods": {n: repr(c) for n, c in methods(size).items()},
+            "methods": {name: repr(contender) for name, contender in searches.items()},
         },
         origin=describe_origin([pumps[0].held_out]),
         command=work.command,
@@ -147,15 +150,10 @@ def run_identification(
             "and pressure; the paper measures them on the recordings that it identifies from. The "
             "loss is that of the recordings calibrated on. The RMSE of the waveform need not fall: "
             "the spectrum loss drops the phase.",
-            *refusals,
+            # Searches of several pumps can fail for the same reason.
+            *dict.fromkeys(refusals),
         ),
-        details={
-            "curves": [{**names, "loss": loss} for names, loss in named("curve")],
-            "parameters": [
-                {**names, **dict(zip(PARAMETERS, six, strict=True))}
-                for names, six in named("parameters")
-            ],
-        },
+        details={"curves": curves, "parameters": parameters},
     )
     return replace(study, answer=(_sentence(study),))
 
@@ -233,60 +231,51 @@ def _sentence(study: StudyTable) -> str:
     """Return the change of each error at the paper's rate, next to its claim that all fall."""
     changes = []
     for metric in ("rmse", "pe", "sve"):
-        before, after = (
-            np.array(study.values(metric, twin=twin)) for twin in (NOMINAL, LOWEST_RATE)
-        )
-        pairs = (after - before)[np.isfinite(after - before)]
-        low, high = paired_interval(pairs.tolist())
-        interval = f" ({low:+.3f} to {high:+.3f})" if low == low else ""
-        change = f"change {pairs.mean():+.3f}{interval}" if pairs.size else "no search ended"
+        nominal_errors = np.array(study.values(metric, twin=NOMINAL))
+        calibrated_errors = np.array(study.values(metric, twin=LOWEST_RATE))
+        differences = calibrated_errors - nominal_errors
+
+        # A search that failed has no error.
+        differences = differences[np.isfinite(differences)]
+        nominal_mean = format_number(float(np.nanmean(nominal_errors)))
         changes.append(
-            f"{metric.upper()} {format_number(float(np.nanmean(before)))} in the nominal twin, "
-            f"{change}"
+            f"{metric.upper()} {nominal_mean} in the nominal twin, {_describe_change(differences)}"
         )
-    failed = len(study.select(twin=LOWEST_RATE)) - pairs.size
+
+    failed = len(study.select(twin=LOWEST_RATE)) - differences.size
+    failures = f", {failed} failed" if failed else ""
     return (
         f"IPINN at the paper's rate, errors on recordings held out: {'; '.join(changes)}; n = "
-        f"{pairs.size} pumps{f', {failed} failed' if failed else ''}. The paper: all three fall; "
-        "best epoch 453 of 500."
+        f"{differences.size} pumps{failures}. The paper: all three fall; best epoch 453 of 500."
     )
+
+
+def _describe_change(differences: np.ndarray) -> str:
+    """Return the mean of paired differences, with its interval if there are two or more."""
+    if not differences.size:
+        return "no search ended"
+
+    change = f"change {differences.mean():+.3f}"
+    low, high = paired_interval(differences.tolist())
+    if math.isnan(low):
+        return change
+    return f"{change} ({low:+.3f} to {high:+.3f})"
 
 
 def values_table(study: StudyTable) -> Table:
     """Return the six values: nominal, true and identified."""
-
-    def logarithms(twin: str, name: str) -> np.ndarray:
-        return np.log([row[name] for row in study.details["parameters"] if row["twin"] == twin])
-
     rows = []
-    for name, moved in zip(PARAMETERS, FLEET_FACTORS, strict=True):
-        before, found = (
-            float(np.exp(logarithms(NOMINAL, name).mean())),
-            logarithms(LOWEST_RATE, name),
+    for name, true_factor in zip(PARAMETERS, FLEET_FACTORS, strict=True):
+        nominal = float(np.exp(_log_values(study, NOMINAL, name).mean()))
+        cells = (
+            f"{_SYMBOLS[name]}, {format_label(name)}",
+            _PRINTED.get(name, "not printed"),
+            format_number(nominal),
+            f"{true_factor:g}",
+            _describe_identified(_log_values(study, LOWEST_RATE, name), nominal),
         )
-        identified = "every search failed"
-        if found.size:
-            spread = (
-                f" (× or ÷ {format_number(float(np.exp(found.std(ddof=1))))})"
-                if found.size > 1
-                else ""
-            )
-            identified = f"{format_number(float(np.exp(found.mean())) / before)}{spread}"
-        printed = _PRINTED.get(name, "not printed")
-        rows.append(
-            tuple(
-                map(
-                    Cell,
-                    (
-                        f"{_LETTERS[name]}, {format_label(name)}",
-                        printed,
-                        format_number(before),
-                        f"{moved:g}",
-                        identified,
-                    ),
-                )
-            )
-        )
+        rows.append(tuple(Cell(text) for text in cells))
+
     return Table(
         "The six values [N·s/m, N/m]. True and identified ones are shares of the nominal one: the "
         "rig's mean, and the geometric mean over the pumps with the factor of one standard "
@@ -304,6 +293,22 @@ def values_table(study: StudyTable) -> Table:
     )
 
 
+def _log_values(study: StudyTable, twin: str, name: str) -> np.ndarray:
+    """Return the logarithms of a value in each pump's twin."""
+    return np.log([row[name] for row in study.details["parameters"] if row["twin"] == twin])
+
+
+def _describe_identified(log_values: np.ndarray, nominal: float) -> str:
+    """Return the geometric mean as a share of the nominal value, and the spread as a factor."""
+    if not log_values.size:
+        return "every search failed"
+
+    share = format_number(float(np.exp(log_values.mean())) / nominal)
+    if log_values.size == 1:
+        return share
+    return f"{share} (× or ÷ {format_number(float(np.exp(log_values.std(ddof=1))))})"
+
+
 @figure_style()
 def rates_drawing(study: StudyTable) -> Drawing:
     """Return the loss of each epoch by learning rate.
@@ -315,28 +320,23 @@ def rates_drawing(study: StudyTable) -> Drawing:
     colors = series_colors(names)
     figure, axes = create_panels(1, 1, 3.6)
     panel = axes[0, 0]
-    cut = 0.0
+    top = 0.0
     rises = []
 
     for name in names:
-        # Curves may have different lengths: the rest is NaN, which percentiles skip.
         pump_losses = [curve["loss"] for curve in curves if curve["twin"] == name]
-        losses = np.full((len(pump_losses), max(map(len, pump_losses))), np.nan)
-        for row, loss in zip(losses, pump_losses, strict=True):
-            row[: len(loss)] = loss
+        low, middle, high = _loss_quartiles(pump_losses)
+        epochs = np.arange(1, len(middle) + 1)
+        panel.fill_between(epochs, low, high, color=colors[name], alpha=0.12, linewidth=0)
+        panel.plot(epochs, middle, color=colors[name], linewidth=1.5, label=format_label(name))
 
-        epoch = np.arange(1, losses.shape[1] + 1)
-        low, middle, high = np.nanpercentile(losses, (25, 50, 75), axis=0)
-        panel.fill_between(epoch, low, high, color=colors[name], alpha=0.12, linewidth=0)
-        panel.plot(epoch, middle, color=colors[name], linewidth=1.5, label=format_label(name))
-
-        cut = max(cut, _CUT * float(middle[0]))
+        top = max(top, _MAX_DRAWN_LOSS * float(middle[0]))
         rise = max(max(loss) / loss[0] for loss in pump_losses)
         rises.append(f"{format_number(rise)} ({format_label(name)})")
 
     panel.set(xlabel="epoch", ylabel="loss [m/s²]", yscale="log")
-    if 0 < cut < panel.get_ylim()[1]:
-        panel.set_ylim(top=cut)
+    if 0 < top < panel.get_ylim()[1]:
+        panel.set_ylim(top=top)
     label_log_axis(panel.yaxis)
     if names:
         figure.legend(loc="outside upper center", ncols=3)
@@ -344,15 +344,27 @@ def rates_drawing(study: StudyTable) -> Drawing:
     rows = []
     for curve in curves:
         factors = {name: curve[name] for name in ("twin", "seed", "specimen")}
-        for number, loss in enumerate(curve["loss"], 1):
-            rows.append({**factors, "epoch": number, "loss": loss})
+        for epoch, loss in enumerate(curve["loss"], 1):
+            rows.append({**factors, "epoch": epoch, "loss": loss})
 
     return render_drawing(
         f"{study.study.replace('-', '_')}_rates",
         figure,
         tabulate(rows),
         title="Loss of the IPINN by learning rate",
-        caption="Spectrum loss and boundary loss together: the median over pumps, and the 25th to "
-        f"75th percentile. Cut at {_CUT} times the median loss of epoch 1; single epochs reach at most so many "
-        f"times the first loss of their pump: {', '.join(rises) or 'none'}.",
+        caption=(
+            "Spectrum loss and boundary loss together: the median over pumps, and the 25th to 75th "
+            f"percentile. Cut at {_MAX_DRAWN_LOSS} times the median loss of epoch 1. Highest loss "
+            "of a single epoch, as a multiple of the first loss of its pump: "
+            f"{', '.join(rises) or 'none'}."
+        ),
     )
+
+
+def _loss_quartiles(pump_losses: Sequence[Sequence[float]]) -> np.ndarray:
+    """Return the 25th, 50th and 75th percentile of the loss over the pumps, by epoch."""
+    # Curves may have different lengths: the rest is NaN, which the percentiles skip.
+    losses = np.full((len(pump_losses), max(map(len, pump_losses))), np.nan)
+    for row, loss in zip(losses, pump_losses, strict=True):
+        row[: len(loss)] = loss
+    return np.nanpercentile(losses, (25, 50, 75), axis=0)

@@ -27,7 +27,7 @@ METRICS = {
     "left_out": "odd ones left out",
 }
 """Heading of each figure."""
-ODD = ("none", "bursts", "a disturbed sensor", "another pressure")
+ANOMALIES = ("none", "bursts", "a disturbed sensor", "another pressure")
 """Kinds of the two anomalous recordings among those that train."""
 
 # Healthy recordings of a pump and pressure.
@@ -61,7 +61,7 @@ def detector(work: Work, settings: DetectorStudySettings) -> StudyTable:
     """
     figures = work.map("fleets", _measure_fleet, [(seed, settings) for seed in work.seeds])
     trials = []
-    for kind in ODD:
+    for kind in ANOMALIES:
         for seed, by_kind in zip(work.seeds, figures, strict=True):
             trials.append(Trial({"two odd ones": kind}, seed, by_kind[kind]))
 
@@ -88,7 +88,7 @@ def _measure_fleet(seed: int, settings: DetectorStudySettings) -> dict[str, dict
     healthy = _record(seed, settings, _HEALTHY, [name for name in CLASSES if is_healthy(name)])
     faulty = _record(seed, settings, _FAULTY, [name for name in CLASSES if not is_healthy(name)])
 
-    sums = {kind: np.zeros(len(METRICS)) for kind in ODD}
+    sums = {kind: np.zeros(len(METRICS)) for kind in ANOMALIES}
     for pump in sorted({str(recording.specimen) for recording in healthy}):
         faults = [recording for recording in faulty if recording.specimen == pump]
         by_pressure = [recording for recording in healthy if recording.specimen == pump]
@@ -103,7 +103,7 @@ def _measure_fleet(seed: int, settings: DetectorStudySettings) -> dict[str, dict
         pair_to_disturb = alternating[-2:]
 
         caught_by_normal = _count_alarms(AnomalyDetector().fit(normal), faults)
-        for kind in ODD:
+        for kind in ANOMALIES:
             pair = healthy_pair
             if kind != "none":
                 pair = [_disturb(kind, recording, seed) for recording in pair_to_disturb]
@@ -170,7 +170,7 @@ def _disturb(kind: str, recording: Recording, seed: int) -> Recording:
 
 
 def _answer(study: StudyTable) -> Iterator[str]:
-    for kind in ODD:
+    for kind in ANOMALIES:
         sums = [sum(study.values(name, **{"two odd ones": kind})) for name in METRICS]
         healthy, alarms, faults, before, caught, _ = sums
         low, high = wilson_interval(alarms / healthy, int(healthy))

@@ -1,10 +1,10 @@
-"""The matrix of wrong twins and odd truths: each case is wrong in one stated way, by axis, channel
-or value.
+"""The matrix of wrong twins and extreme true values.
+
+Each case has one known mistake along one axis, in one channel or in one value.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import permutations
 from typing import Any
 
@@ -19,160 +19,204 @@ ChangeOfTwin = Callable[[Twin], Twin]
 ChangeOfRecording = Callable[[Recording], Recording]
 CHANNELS = ("cover_z", "body_y", "body_x")
 RIGHT = "right"
-"""Family of the twins that nothing is wrong with."""
-FAR = 30.0
-"""Greatest factor between a true value and the nominal one."""
+"""Family of the twins without a mistake."""
+
+# Largest factor between a true interface value and the nominal one.
+_MAX_VALUE_FACTOR = 30.0
+
+# Factors on a stiffness or a gain that is wrong by 20 %.
+_WRONG_FACTORS = (0.8, 1.2)
+
+# Share of each channel (column) that each other channel (row) reads when all pairs are coupled.
+_CROSS_TALK = np.array([[0, 0.1, -0.1], [0.1, 0, 0.1], [-0.1, 0.1, 0]])
 
 
-def _same(thing: Any) -> Any:
-    return thing
+def _unchanged(original: Any) -> Any:
+    return original
 
 
 @dataclass(frozen=True)
 class MatrixCase:
-    """One case."""
+    """One mistake, and how to make it."""
 
     family: str
-    """What kind of mistake it is."""
+    """Kind of mistake."""
     name: str
-    """The mistake."""
-    twin: ChangeOfTwin = _same
-    """The twin with it."""
-    recording: ChangeOfRecording = _same
-    """A recording with it."""
-    clue: str = ""
-    """Words by which a warning names it; empty where none can."""
+    """Description of the mistake."""
+    twin: ChangeOfTwin = _unchanged
+    """Function that puts the mistake into a twin."""
+    recording: ChangeOfRecording = _unchanged
+    """Function that puts the mistake into a recording."""
+    expected_warning: str = ""
+    """Text by which a warning names the mistake; empty if no warning can."""
     on_rig: bool = False
-    """Whether the recordings are those of the virtual rig; else they are the twin's own."""
+    """Whether the recordings are those of the virtual rig instead of the twin's own."""
 
 
 def matrix_cases() -> tuple[MatrixCase, ...]:
-    """Every case."""
+    """Return every case."""
     return (
         *(MatrixCase(RIGHT, f"nothing, truth {number}") for number in range(1, 11)),
         *_mounts(),
         *_bearings(),
         *_gains(),
         *_cross_talk(),
-        *_truths(),
-        *_counts(),
+        *_extreme_values(),
+        *_piston_counts(),
         *_pressures(),
         *_units(),
-        *_on_rig(),
-        *_far_supports(),
+        *_rig_cases(),
+        *_unlikely_supports(),
         *_wiring(),
     )
 
 
-def _words(factors: Sequence[float]) -> str:
-    return "/".join(f"{100 * (factor - 1):+.0f}" for factor in factors) + " %"
+def _format_percent(factor: float) -> str:
+    return f"{100 * (factor - 1):+.0f}"
+
+
+def _describe_factors(factors: Sequence[float]) -> str:
+    return "/".join(_format_percent(factor) for factor in factors) + " %"
+
+
+def _single_factors(count: int) -> Iterator[tuple[float, ...]]:
+    """Yield sets of `count` factors, a single one of which is wrong: too small, then too large."""
+    for index in range(count):
+        for wrong_factor in _WRONG_FACTORS:
+            factors = [1.0] * count
+            factors[index] = wrong_factor
+            yield tuple(factors)
 
 
 def _mount_case(family: str, *factors: float, on_rig: bool = False) -> MatrixCase:
-    change = on_pump(with_mount, *factors)
     return MatrixCase(
         family,
-        f"mounting {_words(factors)}",
-        change,
-        clue="the mounting's stiffness",
+        f"mounting {_describe_factors(factors)}",
+        on_pump(with_mount, *factors),
+        expected_warning="the mounting's stiffness",
         on_rig=on_rig,
     )
 
 
 def _bearing_case(family: str, *factors: float, on_rig: bool = False) -> MatrixCase:
-    change = on_pump(with_bearings, *factors)
     return MatrixCase(
-        family, f"bearings {_words(factors)}", change, clue="stiffness of bearing", on_rig=on_rig
+        family,
+        f"bearings {_describe_factors(factors)}",
+        on_pump(with_bearings, *factors),
+        expected_warning="stiffness of bearing",
+        on_rig=on_rig,
     )
 
 
 def _mounts() -> Iterator[MatrixCase]:
-    single = [
-        tuple(f if i == axis else 1.0 for i in range(4)) for axis in range(4) for f in (0.8, 1.2)
-    ]
-    for factors in (*single, (1.2, 0.85, 0.85, 1.0), (0.8, 1.15, 1.15, 1.0)):
+    for factors in (*_single_factors(4), (1.2, 0.85, 0.85, 1.0), (0.8, 1.15, 1.15, 1.0)):
         yield _mount_case("mount", *factors)
 
 
 def _bearings() -> Iterator[MatrixCase]:
-    single = [
-        tuple(f if i == number else 1.0 for i in range(3))
-        for number in range(3)
-        for f in (0.8, 1.2)
-    ]
-    for factors in (*single, (1.2, 0.8, 1.2), (0.8, 1.2, 0.8)):
+    for factors in (*_single_factors(3), (1.2, 0.8, 1.2), (0.8, 1.2, 0.8)):
         yield _bearing_case("bearing", *factors)
 
 
 def _gains() -> Iterator[MatrixCase]:
-    single = [
-        tuple(f if i == channel else 1.0 for i in range(3))
-        for channel in range(3)
-        for f in (0.8, 1.2)
-    ]
-    for factors in (*single, (1.1, 0.9, 1.1), (0.8, 1.2, 0.8)):
-        change = with_mixing(CHANNELS, np.diag(factors))
-        yield MatrixCase("gain", f"gains {_words(factors)}", recording=change, clue="the gain of")
+    for gains in (*_single_factors(len(CHANNELS)), (1.1, 0.9, 1.1), (0.8, 1.2, 0.8)):
+        yield MatrixCase(
+            "gain",
+            f"gains {_describe_factors(gains)}",
+            recording=with_mixing(CHANNELS, np.diag(gains)),
+            expected_warning="the gain of",
+        )
 
 
 def _cross_talk() -> Iterator[MatrixCase]:
     for number, (reader, source) in enumerate(permutations(range(3), 2)):
+        # The sign alternates, so that both occur for each reader.
+        share = -0.2 if number % 2 == 0 else 0.2
         mixing = np.eye(3)
-        mixing[reader, source] = share = (-0.2, 0.2)[number % 2]
-        name = f"{CHANNELS[reader]} reads {share:+.0%} of {CHANNELS[source]}"
+        mixing[reader, source] = share
         yield MatrixCase(
-            "cross-talk", name, recording=with_mixing(CHANNELS, mixing), clue="cross-talk"
+            "cross-talk",
+            f"{CHANNELS[reader]} reads {share:+.0%} of {CHANNELS[source]}",
+            recording=with_mixing(CHANNELS, mixing),
+            expected_warning="cross-talk",
         )
+
     for sign in (1, -1):
-        change = with_mixing(CHANNELS, np.eye(3) + sign * _TALK)
         yield MatrixCase(
-            "cross-talk", f"all pairs by 10 %, signs {sign:+d}", recording=change, clue="cross-talk"
+            "cross-talk",
+            f"all pairs by 10 %, signs {sign:+d}",
+            recording=with_mixing(CHANNELS, np.eye(3) + sign * _CROSS_TALK),
+            expected_warning="cross-talk",
         )
 
 
-_TALK = np.array([[0, 0.1, -0.1], [0.1, 0, 0.1], [-0.1, 0.1, 0]])
-
-
-def _truth_case(family: str, letter: str, factor: float, *, on_rig: bool = False) -> MatrixCase:
-    name = f"{letter} {'a thirtieth of' if factor < 1 else '30 times'} the nominal one"
+def _extreme_value_case(
+    family: str, symbol: str, factor: float, *, on_rig: bool = False
+) -> MatrixCase:
+    ratio = "a thirtieth of" if factor < 1 else "30 times"
     return MatrixCase(
-        family, name, on_pump(with_nominal, letter, factor), clue=letter, on_rig=on_rig
+        family,
+        f"{symbol} {ratio} the nominal one",
+        on_pump(with_nominal, symbol, factor),
+        expected_warning=symbol,
+        on_rig=on_rig,
     )
 
 
-def _truths() -> Iterator[MatrixCase]:
-    for letter in PARAMETER_SYMBOLS.values():
-        for factor in (1 / FAR, FAR):
-            yield _truth_case("odd truth", letter, factor)
+def _extreme_values() -> Iterator[MatrixCase]:
+    for symbol in PARAMETER_SYMBOLS.values():
+        for factor in (1 / _MAX_VALUE_FACTOR, _MAX_VALUE_FACTOR):
+            yield _extreme_value_case("odd truth", symbol, factor)
 
 
-def _counts() -> Iterator[MatrixCase]:
+def _piston_counts() -> Iterator[MatrixCase]:
     for count in (5, 8, 9):
-        change = on_pump(with_piston_count, count)
-        yield MatrixCase("piston count", f"{count} pistons", change, clue="piston count")
+        yield MatrixCase(
+            "piston count",
+            f"{count} pistons",
+            on_pump(with_piston_count, count),
+            expected_warning="piston count",
+        )
 
 
 def _pressures() -> Iterator[MatrixCase]:
     for factor in (0.8, 0.9, 0.95, 1.05, 1.1, 1.2):
-        name = f"pressure stated {100 * (factor - 1):+.0f} %"
-        changes = partial(_at_stated_pressure, factor=factor)
-        yield MatrixCase("pressure", name, changes, changes, clue="the discharge pressure is about")
+        # A recording carries its operating point too: both must specify the same wrong pressure.
+        change = _with_pressure_factor(factor)
+        yield MatrixCase(
+            "pressure",
+            f"pressure stated {_format_percent(factor)} %",
+            twin=change,
+            recording=change,
+            expected_warning="the discharge pressure is about",
+        )
 
 
 def _units() -> Iterator[MatrixCase]:
     for name in CHANNELS:
-        yield MatrixCase("unit", f"{name} in g", recording=with_unit_error((name,)), clue="in g?")
-    yield MatrixCase("unit", "all channels in g", recording=with_unit_error(CHANNELS), clue="in g?")
+        yield MatrixCase(
+            "unit",
+            f"{name} in g",
+            recording=with_unit_error((name,)),
+            expected_warning="in g?",
+        )
+
+    yield MatrixCase(
+        "unit",
+        "all channels in g",
+        recording=with_unit_error(CHANNELS),
+        expected_warning="in g?",
+    )
     yield MatrixCase(
         "unit",
         "unit stated as g",
-        recording=lambda each: replace(each, unit="g"),
-        clue="needs m/s^2",
+        recording=lambda recording: replace(recording, unit="g"),
+        expected_warning="needs m/s^2",
     )
 
 
-def _far_supports() -> Iterator[MatrixCase]:
-    """Supports farther off than their priors expect."""
+def _unlikely_supports() -> Iterator[MatrixCase]:
+    """Yield supports that differ from the drawing by more than their priors expect."""
     for factor in (0.5, 1.5):
         yield _mount_case("far support", *[factor] * 4)
         yield _bearing_case("far support", *[factor] * 3)
@@ -180,57 +224,70 @@ def _far_supports() -> Iterator[MatrixCase]:
 
 def _wiring() -> Iterator[MatrixCase]:
     for first, second in (("body_x", "body_y"), ("cover_z", "body_y")):
-        change = with_mixing((first, second), np.eye(2)[::-1])
         yield MatrixCase(
             "wiring",
             f"{first} and {second} swapped",
-            recording=change,
-            clue="have each other's name",
+            recording=with_mixing((first, second), np.eye(2)[::-1]),
+            expected_warning="have each other's name",
         )
-    for name, away in (("cover_z", (0.0, 0.04, 0.0)), ("body_y", (0.0, 0.0, 0.04))):
-        yield MatrixCase("wiring", f"{name} sensor 40 mm off", on_pump(with_sensor, name, away))
+
+    for name, offset in (("cover_z", (0.0, 0.04, 0.0)), ("body_y", (0.0, 0.0, 0.04))):
+        yield MatrixCase("wiring", f"{name} sensor 40 mm off", on_pump(with_sensor, name, offset))
 
 
-def _on_rig() -> Iterator[MatrixCase]:
+def _rig_cases() -> Iterator[MatrixCase]:
     for number in range(1, 6):
         yield MatrixCase("rig, right", f"nothing, pump {number}", on_rig=True)
+
     yield _mount_case("rig, wrong", 1.2, 0.85, 0.85, 1.0, on_rig=True)
     yield _bearing_case("rig, wrong", 1.2, 0.8, 1.2, on_rig=True)
-    for letter, factor in (("C_sw", 1 / FAR), ("C_v", FAR), ("C_Hz", 1 / FAR)):
-        yield _truth_case("rig, wrong", letter, factor, on_rig=True)
+    for symbol, factor in (
+        ("C_sw", 1 / _MAX_VALUE_FACTOR),
+        ("C_v", _MAX_VALUE_FACTOR),
+        ("C_Hz", 1 / _MAX_VALUE_FACTOR),
+    ):
+        yield _extreme_value_case("rig, wrong", symbol, factor, on_rig=True)
 
 
 def on_pump(change: Callable[..., Pump], *arguments: Any) -> ChangeOfTwin:
-    """Twins whose pump is changed."""
+    """Return the function that applies `change` to the pump of a twin."""
     return lambda twin: replace(twin, pump=change(twin.pump, *arguments))
 
 
 def with_mount(pump: Pump, x: float, y: float, z: float, tilt: float = 1.0) -> Pump:
-    """The pump with factors on the stiffness of its mounting along each axis and in tilt."""
-    factors = {"stiffness_x": x, "stiffness_y": y, "stiffness_z": z, "stiffness_tilt": tilt}
-    changes = {name: factor * getattr(pump.mount, name) for name, factor in factors.items()}
-    return replace(pump, mount=replace(pump.mount, **changes))
+    """Return the pump with factors on the stiffness of its mounting along each axis and in tilt."""
+    mount = replace(
+        pump.mount,
+        stiffness_x=x * pump.mount.stiffness_x,
+        stiffness_y=y * pump.mount.stiffness_y,
+        stiffness_z=z * pump.mount.stiffness_z,
+        stiffness_tilt=tilt * pump.mount.stiffness_tilt,
+    )
+    return replace(pump, mount=mount)
 
 
 def with_bearings(pump: Pump, *factors: float) -> Pump:
-    """The pump with a factor on the stiffness of each bearing."""
-    stiffnesses = tuple(
-        k * factor for k, factor in zip(pump.bearings.stiffnesses, factors, strict=True)
-    )
+    """Return the pump with a factor on the stiffness of each bearing."""
+    pairs = zip(pump.bearings.stiffnesses, factors, strict=True)
+    stiffnesses = tuple(stiffness * factor for stiffness, factor in pairs)
     return replace(pump, bearings=replace(pump.bearings, stiffnesses=stiffnesses))
 
 
-def with_nominal(pump: Pump, letter: str, factor: float) -> Pump:
-    """The pump whose true value is `factor` times the nominal one."""
-    values = [
-        value / factor if PARAMETER_SYMBOLS[name] == letter else value
-        for name, value in zip(PARAMETERS, pump.interfaces.values(), strict=True)
-    ]
+def with_nominal(pump: Pump, symbol: str, factor: float) -> Pump:
+    """Return the pump whose true value is `factor` times the nominal one.
+
+    The nominal value is divided by `factor`, because the recordings keep the true one.
+    """
+    values = []
+    for name, value in zip(PARAMETERS, pump.interfaces.values(), strict=True):
+        if PARAMETER_SYMBOLS[name] == symbol:
+            value = value / factor
+        values.append(value)
     return replace(pump, interfaces=Interfaces.from_values(values))
 
 
 def with_piston_count(pump: Pump, count: int) -> Pump:
-    """The pump with another count of pistons, of the same displacement."""
+    """Return the pump with another piston count and the same displacement."""
     group = pump.rotating_group
     diameter = group.piston_diameter * (group.piston_count / count) ** 0.5
     return replace(
@@ -238,37 +295,41 @@ def with_piston_count(pump: Pump, count: int) -> Pump:
     )
 
 
-def with_sensor(pump: Pump, name: str, away: Sequence[float]) -> Pump:
-    """The pump whose sensor of that name stands so far away [m]."""
+def with_sensor(pump: Pump, name: str, offset: Sequence[float]) -> Pump:
+    """Return the pump with the named sensor moved by `offset` [m]."""
 
-    def position(sensor: Sensor) -> tuple[float, float, float]:
-        x, y, z = np.add(sensor.position, away).tolist() if sensor.name == name else sensor.position
-        return x, y, z
+    def moved(sensor: Sensor) -> Sensor:
+        x, y, z = np.add(sensor.position, offset).tolist()
+        return replace(sensor, position=(x, y, z))
 
-    return replace(
-        pump, sensors=tuple(replace(sensor, position=position(sensor)) for sensor in pump.sensors)
-    )
+    sensors = [moved(sensor) if sensor.name == name else sensor for sensor in pump.sensors]
+    return replace(pump, sensors=tuple(sensors))
 
 
 def with_mixing(channels: Sequence[str], mixing: np.ndarray) -> ChangeOfRecording:
-    """Recordings whose `channels` read `mixing` of what they should."""
+    """Return the function that replaces `channels` of a recording by `mixing` times them."""
 
-    def mixed(recording: Recording) -> Recording:
+    def mix(recording: Recording) -> Recording:
         rows = [recording.channels.index(name) for name in channels]
         signal = recording.signal.copy()
         signal[rows] = (mixing @ recording.signal[rows]).astype(signal.dtype)
         return recording.replace(signal=signal)
 
-    return mixed
+    return mix
 
 
 def with_unit_error(channels: Sequence[str]) -> ChangeOfRecording:
-    """Recordings of which `channels` are in g although m/s^2 is stated."""
+    """Return the function that puts `channels` in g, although the recording specifies m/s^2."""
     return with_mixing(channels, np.eye(len(channels)) / GRAVITY)
 
 
-def _at_stated_pressure(thing: Twin | Recording, factor: float) -> Any:
-    """The twin or the recording at `factor` times its discharge pressure."""
-    assert thing.condition is not None  # the study's recordings have one
-    pressure = factor * thing.condition.discharge_pressure
-    return replace(thing, condition=thing.condition.replace(discharge_pressure=pressure))
+def _with_pressure_factor(factor: float) -> Callable[[Any], Any]:
+    """Return the function that multiplies the discharge pressure of a twin or a recording."""
+
+    def change(original: Twin | Recording) -> Twin | Recording:
+        assert original.condition is not None  # the study's recordings have one
+        pressure = factor * original.condition.discharge_pressure
+        condition = original.condition.replace(discharge_pressure=pressure)
+        return replace(original, condition=condition)
+
+    return change

@@ -105,8 +105,8 @@ _NOTES = (
     "identified, and those of them whose 90 % interval holds the truth.",
     f"Errs: a value is off by more than {MAX_ERROR_HALF_WIDTHS:g} half widths of its interval. "
     "Warned: a refusal, or any note but those of values not identified and of bounds that were "
-    "widened. Named: a warning holds the words for the mistake; counted where one was given and "
-    "such words exist.",
+    "widened. Named: a warning holds the words for the mistake; counted if there was a "
+    "warning and such words exist.",
     "Intervals are Wilson's, of 95 %, as if the values of one trial were one draw.",
 )
 
@@ -128,8 +128,11 @@ def _trial(number: int, case: MatrixCase, seed: int, out: Path | None) -> Trial:
     task = Task(STUDY, seed, factors, settings, data)
 
     values = task.run(out, lambda: {"values": _values(number, case, seed)})["values"]
-    if case.clue and values["warned"]:
-        values = {**values, "named": float(any(case.clue in note for note in values["notes"]))}
+    if case.expected_warning and values["warned"]:
+        values = {
+            **values,
+            "named": float(any(case.expected_warning in note for note in values["notes"])),
+        }
 
     return Trial(factors, seed, values)
 

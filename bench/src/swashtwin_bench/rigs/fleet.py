@@ -7,8 +7,8 @@ The twin knows nothing of this. Effects that its physics does not contain at all
 - piston clearances that scatter*, so that a healthy pump has once-per-revolution content;
 - slippers that are unloaded on the suction side*: a film stiffness that turns with the shaft;
 - slippers that follow a recess only in part and with a delay*;
-- a flexible housing* with four modes above 1 kHz (where a real pump housing was measured to
-  resonate), different for each axis, and sensors with gain errors, cross-talk* and a finite band;
+- a flexible housing* with four modes above 1 kHz, different for each axis (a real pump housing was
+  measured to resonate in this range), and sensors with gain errors, cross-talk* and a finite band;
 - films that thin with pressure and warm oil*.
 """
 

@@ -184,7 +184,7 @@ class Damage(Fault):
 
 
 def find_damage(fault: Fault | None, mode: str) -> Damage:
-    """Return the damage of a mode in a run's fault, of extent 0 if there is none."""
+    """Return the damage of a mode in a run's fault, or one of extent 0 if the run lacks it."""
     while isinstance(fault, Damage):
         if fault.mode == mode:
             return fault

@@ -91,7 +91,7 @@ def _port_area(run: Run, specimen: ThirdSpecimen, port: int) -> Float[np.ndarray
     edges = design.suction if port == 0 else design.discharge
     begin, end = np.array(edges) + specimen.shifts[port]
     advance = deg(3.5)
-    # The suction side erodes half as far as the discharge side.
+    # Erosion advances on the suction side by half of that on the discharge side.
     begin -= (0.5 if port == 0 else 1.0) * advance * erosion.extent
 
     half_width = (end - begin) / 2

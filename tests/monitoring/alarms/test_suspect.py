@@ -1,4 +1,4 @@
-"""The suspect of an alarm: named, doubted, or plainly not named; and what was found beside it."""
+"""The suspect of an alarm: sure, unsure or not named; its severity, and the reported finding."""
 
 import json
 import sys
@@ -45,18 +45,15 @@ def at_speed(seed: int, gain: float = 1.0) -> Recording:
 
 
 def learned(pistons: int | None = PISTONS, count: int = 6) -> OperatingPointState:
+    monitor = OperatingPointMonitor("pump-1", baseline_recordings=5, pistons=pistons)
     state = None
     for seed in range(count):
-        state = (
-            OperatingPointMonitor("pump-1", baseline_recordings=5, pistons=pistons)
-            .judge(at_speed(seed), state)
-            .state
-        )
+        state = monitor.judge(at_speed(seed), state).state
     assert state is not None
     return state
 
 
-def named(
+def name_suspect(
     machine: Machine,
     recording: Recording,
     state: OperatingPointState,
@@ -65,30 +62,30 @@ def named(
     suspects = Suspects()
     try:
         return suspects.name(machine, point, state.baseline, recording)
-    except PriorNotAdaptedError as needed:
-        suspects.adapt(needed.request)
+    except PriorNotAdaptedError as error:
+        suspects.adapt(error.request)
         return suspects.name(machine, point, state.baseline, recording)
 
 
-def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
+def test_an_alarm_names_its_suspect_its_severity_and_the_reported_finding(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_prior(tmp_path / "prior.safetensors", at_speed(98), at_speed(99, 6.0))
     (tmp_path / "damaged.json").write_text("{}", encoding="utf-8")
     facts = f'pistons = {PISTONS}\nprior = "prior.safetensors"\ncalibration = "damaged.json"'
     config = watch_config(tmp_path, '[[channel]]\nkind = "log"', machine=facts)
+
     for number in range(LEARNING + 10):
-        write_hum(
-            tmp_path / "incoming" / f"{number:03}.h5",
-            number,
-            number,
-            gain=1.0 if number < LEARNING else 6.0,
-        )
+        gain = 1.0 if number < LEARNING else 6.0
+        write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, number, gain=gain)
+
     run_watch(config, once=True)
+
     measure_again(config, 1, "Severity is not measured: killed.", monkeypatch)
     measure_again(config, 1, "Severity is not measured: killed.", monkeypatch)
     measure_again(config, 1, "Severity: 30 um.", monkeypatch, verdict="weak")
     measure_again(config, 0, "Severity: 99 um.", monkeypatch, verdict="weak")
+
     run_watch(config, once=True)
     command = (
         "watch",
@@ -101,32 +98,34 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
         "--json",
     )
     assert json.loads(run(*command).stdout)["found"] == "piston 3, 30 um"
+
     history = History.open("", config.folder)
     (alarm,) = history.reader.alarms("pump-1")
-    assert (alarm.evidence["suspect"]["certainty"], alarm.evidence["suspect"]["label"]) == (
-        "sure",
-        "piston",
-    )
-    assert (
-        alarm.evidence["suspect"]["recording"] == history.reader.recordings("pump-1", limit=1)[0].id
-    )
-    assert (alarm.evidence["found"]["text"], alarm.state) == ("piston 3, 30 um", "closed")
+    assert alarm.state == "closed"
+    assert alarm.evidence["found"]["text"] == "piston 3, 30 um"
+
+    suspect = alarm.evidence["suspect"]
+    assert suspect["certainty"] == "sure"
+    assert suspect["label"] == "piston"
+    assert suspect["recording"] == history.reader.recordings("pump-1", limit=1)[0].id
+
     severity = alarm.evidence["severity"]
-    assert (severity["label"], severity["recording"]) == (
-        "piston",
-        alarm.evidence["suspect"]["recording"],
-    )
-    of_recording = {
+    assert severity["label"] == "piston"
+    assert severity["recording"] == suspect["recording"]
+
+    suspect_by_state = {
         row.state: row.reasons["suspect"] for row in history.reader.recordings("pump-1")
     }
-    assert of_recording["alarm"]["probabilities"].keys() == {
+    assert suspect_by_state["alarm"]["probabilities"].keys() == {
         "normal",
         "piston",
         "cylinder_block",
         "other",
     }
-    assert of_recording["learning"] is None
+    assert suspect_by_state["learning"] is None
+
     assert history.reader.events("pump-1")[0].note == "found: piston 3, 30 um"
+
     page = TestClient(build_watch_page(config, history), base_url="http://127.0.0.1:8642")
     page_text = page.get("/alarms/1").text
     assert (
@@ -135,10 +134,13 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
         < page_text.index("Finding: piston 3")
     )
     assert page.get("/api/alarms/1").json()["evidence"]["severity"] == severity
+
     history.close()
+
     opened, *measured = (config.folder / "alarms.log").read_text(encoding="utf-8").splitlines()
     assert "Suspect: piston (" in opened
     assert all("alarm measured (" in line for line in measured)
+
     reasons = ("Severity is not measured: ", "not measured: killed.", "Severity: 30 um.")
     assert all(reason in line for reason, line in zip(reasons, measured, strict=True))
 
@@ -146,7 +148,7 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
 def measure_again(
     config: WatchConfig, times: int, sentence: str, monkeypatch: pytest.MonkeyPatch, **answer: str
 ) -> None:
-    """A watch that starts anew measures the severity so many times, however often it looks."""
+    """Check how often a restarted watch measures the severity, although it looks twice."""
     requests = []
 
     def measure_severity(question: SeverityRequest) -> dict[str, Any]:
@@ -159,20 +161,23 @@ def measure_again(
     measurer.measure_all(threading.Event())
     measurer.measure_all(threading.Event())
     history.close()
+
     assert len(requests) == times
 
 
 def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
     plant: Plant, tmp_path: Path
 ) -> None:
-    def measured(
-        label: str, worn: Path | None = plant.worn, pistons: int = PISTONS
+    def measure(
+        label: str, recording: Path | None = plant.worn, pistons: int = PISTONS
     ) -> dict[str, object]:
+
         machine = Machine(name="pump-1", pistons=pistons, calibration=plant.calibration)
         healthy = tuple(plant.worn.parent.glob("A_normal*"))
-        return SeverityRequest(machine, label, worn, healthy).measure()
+        return SeverityRequest(machine, label, recording, healthy).measure()
 
-    severity = measured("piston")  # the pump has a recess
+    # the fault of this pump is a recess, not worn pistons
+    severity = measure("piston")
     assert severity["verdict"] == "not detected"
     assert severity["sentence"].startswith("Severity, if piston: clearance ")
     assert severity["sentence"].endswith(
@@ -180,28 +185,26 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
     )
     assert severity["interval"][0] == 0 < severity["value"] < severity["interval"][1]
     assert any("calibration is in doubt" in note for note in severity["notes"])
-    elsewhere = write_recording(
-        at_speed(1).replace(condition=AT_15.replace(discharge_pressure=1e7)), tmp_path / "a.h5"
-    )
+
+    at_10_mpa = at_speed(1).replace(condition=AT_15.replace(discharge_pressure=1e7))
+    file_at_10_mpa = write_recording(at_10_mpa, tmp_path / "a.h5")
     for facts, message in (
         ({"label": "other"}, "no fault of the class"),
         ({"label": "piston", "pistons": 9}, "another pump, 25scy14-1b"),
-        ({"label": "piston", "worn": None}, "were not kept"),
+        ({"label": "piston", "recording": None}, "were not kept"),
         (
-            {"label": "piston", "worn": elsewhere},
+            {"label": "piston", "recording": file_at_10_mpa},
             "is for 860 rpm, 15 MPa, but the recording is at 860 rpm, 10 MPa",
         ),
     ):
         with pytest.raises(DataError, match=message):
-            measured(**facts)
+            measure(**facts)
 
 
-def test_nothing_is_found_where_there_was_no_alarm(tmp_path: Path) -> None:
+def test_a_finding_is_refused_if_the_machine_had_no_alarm(tmp_path: Path) -> None:
     config = watch_config(tmp_path)
-    assert (
-        "had no alarm"
-        in run("watch", "event", config.path, "pump-1", "--found", "air", code=3).stderr
-    )
+    refusal = run("watch", "event", config.path, "pump-1", "--found", "air", code=3)
+    assert "had no alarm" in refusal.stderr
 
 
 @pytest.mark.parametrize(
@@ -242,9 +245,10 @@ def test_a_suspect_is_as_sure_as_its_prior(
     assert sentence in suspect.sentence
 
 
-def test_where_no_suspect_can_be_named_it_is_said_why(
+def test_the_reason_is_stated_if_no_suspect_can_be_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+
     state = learned()
     loud = at_speed(50, 6.0)
     damaged = tmp_path / "damaged.safetensors"
@@ -265,24 +269,30 @@ def test_where_no_suspect_can_be_named_it_is_said_why(
             "damaged.safetensors",
         ),
     ):
-        suspect = named(machine, recording, known_state, point)
-        assert (suspect.certainty, suspect.label) == ("none", None)
+        suspect = name_suspect(machine, recording, known_state, point)
+        assert suspect.certainty == "none"
+        assert suspect.label is None
         assert sentence in suspect.sentence
+
     monkeypatch.setattr(sys, "executable", "/no/python")
-    assert "could not be adapted (FileNotFoundError)" in named(pump, loud, state).sentence
+    suspect = name_suspect(pump, loud, state)
+    assert "could not be adapted (FileNotFoundError)" in suspect.sentence
 
 
-def test_levels_of_the_prior_are_those_of_the_recordings_that_were_learned(tmp_path: Path) -> None:
+def test_features_of_the_prior_come_only_from_recordings_kept_in_the_baseline(
+    tmp_path: Path,
+) -> None:
+    monitor = OperatingPointMonitor("pump-1", pistons=PISTONS)
     state = None
     for seed in range(7):
+        # one recording is an outlier that the baseline drops
         gain = 20.0 if seed == 2 else 1.0
-        state = (
-            OperatingPointMonitor("pump-1", pistons=PISTONS)
-            .judge(at_speed(seed, gain), state)
-            .state
-        )
+        state = monitor.judge(at_speed(seed, gain), state).state
+
+        # a restart of the watch stores and loads the baseline
         table = json.loads(json.dumps(to_table(state.baseline)).replace("NaN", "null"))
         state = replace(state, baseline=load_baseline(table))
+
     assert state is not None
     assert state.baseline.dropped == 1
     assert state.baseline.orders.shape == (6, 2 * 77)

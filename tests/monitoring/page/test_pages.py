@@ -23,57 +23,60 @@ def send(client: TestClient, address: str, **values: object):
     return client.post(address, data={"form_token": token[1], **values})
 
 
-def newest(plant, machine: str) -> int:
+def newest_recording(plant, machine: str) -> int:
     return plant.history.reader.recordings(machine, limit=1)[0].id
 
 
 def silence_of_pump_1(plant) -> datetime | None:
-    return next(
-        machine.silenced for machine in plant.history.reader.machines() if machine.name == "pump-1"
-    )
+    machines = {machine.name: machine for machine in plant.history.reader.machines()}
+    return machines["pump-1"].silenced
 
 
-def test_the_overview_shows_the_most_urgent_machine_first_and_those_of_a_state_or_name(
+def test_the_overview_shows_the_most_urgent_machine_first_and_filters_by_state_or_name(
     reader: TestClient,
 ) -> None:
     text = reader.get("/").text
     positions = [
         text.index(f"/machines/{name}") for name in ("pump-1", "presse-4", "pump-2", "pump-3")
     ]
+
     assert positions == sorted(positions)
     assert "Swash plate" in text
     assert "1 Sensor alarm" in text
-    for query, shown in (
+
+    for query, expected_text in (
         ("state=normal", "pump-2"),
         ("text=PRESSE", "presse-4"),
         ("text=no", "No machine matches."),
     ):
         text = reader.get(f"/?{query}").text
-        assert (shown in text, "pump-1" in text) == (True, False)
+        assert expected_text in text
+        assert "pump-1" not in text
 
 
 def test_a_machine_that_sent_nothing_yet_is_shown(plant, client: TestClient) -> None:
-    machine = replace(plant.config.machines[0], name="pump-8")
-    config = replace(plant.config, machines=(*plant.config.machines, machine))
     from swashtwin.monitoring.page.watch_page import build_watch_page
 
+    machine = replace(plant.config.machines[0], name="pump-8")
+    config = replace(plant.config, machines=(*plant.config.machines, machine))
     client = TestClient(build_watch_page(config, plant.history), base_url="http://127.0.0.1")
+
     assert "No recording yet" in client.get("/machines/pump-8").text
     assert "pump-8" in client.get("/?state=empty").text
 
 
-def test_a_machine_shows_its_alarm_the_trend_that_moved_most_and_its_recordings(
+def test_a_machine_shows_its_alarm_its_most_changed_trend_and_its_recordings(
     client: TestClient, plant
 ) -> None:
     text = client.get("/machines/pump-1").text
     assert "/alarms/1/acknowledge" in text
     assert text.count('<svg class="drawing"') == 2
-    assert f"/recordings/{newest(plant, 'pump-1')}" in text
+    assert f"/recordings/{newest_recording(plant, 'pump-1')}" in text
     assert re.search(r'<option value="(shaft order (7|14|21|28)|\d+ to \d+ Hz)" selected>', text)
 
 
 def test_a_recording_shows_verdict_evidence_and_what_to_check(client: TestClient, plant) -> None:
-    text = client.get(f"/recordings/{newest(plant, 'pump-1')}").text
+    text = client.get(f"/recordings/{newest_recording(plant, 'pump-1')}").text
     assert "Swash plate 93 %" in text
     assert "shaft order" in text
     assert next_checks("swash_plate")[-1].what in text
@@ -87,45 +90,48 @@ def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(
     alarm = plant.history.reader.alarm(1)
     with plant.history.machine("pump-2") as machine:
         for _ in range(210):
-            other = machine.open_alarm(
+            closed_alarm = machine.open_alarm(
                 alarm.kind, alarm.point, alarm.opened, alarm.evidence, None
-            ).id
-            machine.acknowledge(other, "Ada")
-            machine.clear_alarm(other, alarm.opened)
+            )
+            machine.acknowledge(closed_alarm.id, "Ada")
+            machine.clear_alarm(closed_alarm.id, alarm.opened)
+
     for address in ("/alarms", "/alarms?state=open"):
         text = client.get(address).text
         assert "/alarms/1/acknowledge" in text
         assert text.count("<article") == 2
+
     assert "/alarms/1/" not in client.get("/alarms?state=closed").text
 
 
-def test_a_recording_with_a_dead_sensor_says_so_and_has_no_spectrum(
+def test_a_recording_of_a_dead_sensor_names_its_channel_and_has_no_spectrum(
     client: TestClient, plant
 ) -> None:
-    identity = newest(plant, "presse-4")
-    text = client.get(f"/recordings/{identity}").text
-    assert text.count("channel y does not move") == 2  # in its alarm, and as evidence
+    recording_id = newest_recording(plant, "presse-4")
+    text = client.get(f"/recordings/{recording_id}").text
+
+    # in its alarm, and as evidence
+    assert text.count("channel y does not move") == 2
     assert "No verdict on the pump" in text
     assert "Normal" not in text
     assert '<svg class="drawing"' not in text
 
 
-def test_a_recording_whose_samples_are_gone_says_so(client: TestClient, plant) -> None:
-    identity = newest(plant, "pump-2")
+def test_a_recording_without_samples_has_no_drawing(client: TestClient, plant) -> None:
+    recording_id = newest_recording(plant, "pump-2")
     for path in plant.config.folder.rglob("*.h5"):
         path.unlink()
-    assert '<svg class="drawing"' not in client.get(f"/recordings/{identity}").text
+
+    assert '<svg class="drawing"' not in client.get(f"/recordings/{recording_id}").text
 
 
 def test_a_form_acknowledges_an_alarm_once(client: TestClient, plant) -> None:
-    assert (
-        send(
-            client, "/alarms/1/acknowledge", who="Ada", note="on it", next="/machines/pump-1"
-        ).status_code
-        == 303
-    )
+    answer = send(client, "/alarms/1/acknowledge", who="Ada", note="on it", next="/machines/pump-1")
+    assert answer.status_code == 303
+
     alarm = plant.history.reader.alarm(1)
     assert (alarm.state, alarm.who, alarm.note) == ("acknowledged", "Ada", "on it")
+
     assert send(client, "/alarms/1/acknowledge", who="Bob").status_code == 409
     assert "Acknowledged by Ada" in client.get("/machines/pump-1").text
 
@@ -134,11 +140,13 @@ def test_a_silence_has_an_end_and_can_be_ended(client: TestClient, plant) -> Non
     for hours in ("0", "-1", "nan", "inf", "1e9", "x", ""):
         assert send(client, "/machines/pump-1/silence", hours=hours).status_code == 422
     assert silence_of_pump_1(plant) is None
+
     send(client, "/machines/pump-1/silence", who="Ada", hours=8, note="test run")
     until = silence_of_pump_1(plant)
     assert timedelta(hours=7.9) < until - datetime.now(UTC) < timedelta(hours=8.1)
     assert "Messages are silenced until" in client.get("/machines/pump-1").text
     assert "Silenced" in client.get("/").text
+
     send(client, "/machines/pump-1/silence/end", who="Ada")
     assert "Messages are silenced until" not in client.get("/machines/pump-1").text
 
@@ -154,27 +162,42 @@ def test_after_maintenance_the_baseline_is_learned_anew_and_alarms_are_closed(
         note="new slippers",
         finding="slipper 2",
     )
+
     assert plant.history.reader.alarm(1).state == "closed"
-    read = plant.history.reader
-    assert read.operating_points("pump-1") == []
+    assert plant.history.reader.operating_points("pump-1") == []
+
     text = client.get("/machines/pump-1").text
-    assert all(
-        words in text
-        for words in ("new slippers", "Earlier alarms", "Finding: slipper 2", "No suspect is named")
-    )
+    assert "new slippers" in text
+    assert "Earlier alarms" in text
+    assert "Finding: slipper 2" in text
+    assert "No suspect is named" in text
 
 
-@pytest.mark.parametrize("address", ["/machines/x", "/recordings/99999", "/recordings/0", "/recordings/9" + "9" * 40,
-                                     "/alarms/77", "/nothing", "/recordings/x", "/machines/pump-1?before=0",
-                                     "/machines/pump-1?before=99999999999999999999"])  # fmt: skip
-def test_what_there_is_not_is_answered_by_a_page(reader: TestClient, address: str) -> None:
+@pytest.mark.parametrize(
+    "address",
+    [
+        "/machines/x",
+        "/recordings/99999",
+        "/recordings/0",
+        # beyond the integers of the database
+        "/recordings/9" + "9" * 40,
+        "/alarms/77",
+        "/nothing",
+        "/recordings/x",
+        "/machines/pump-1?before=0",
+        "/machines/pump-1?before=99999999999999999999",
+    ],
+)
+def test_an_address_that_does_not_exist_is_answered_by_a_page(
+    reader: TestClient, address: str
+) -> None:
     answer = reader.get(address)
     assert answer.status_code in (404, 422)
     assert "<h1>" in answer.text
     assert "Traceback" not in answer.text
 
 
-def test_a_history_that_cannot_be_reached_is_answered_by_a_page(
+def test_an_error_page_answers_while_the_history_cannot_be_reached(
     client: TestClient, plant, monkeypatch
 ) -> None:
     def fail(*_: object, **__: object) -> None:
@@ -182,16 +205,18 @@ def test_a_history_that_cannot_be_reached_is_answered_by_a_page(
 
     for name in ("machines", "sequence", "recordings_by_state"):
         monkeypatch.setattr(type(plant.history.reader), name, fail)
+
     answer = client.get("/")
     assert answer.status_code == 503
     assert "secret" not in answer.text
+
     assert client.get("/api/machines").status_code == 503
     assert client.get("/health").status_code == 503
     assert "swashtwin_history_up 0.0" in client.get("/metrics").text
 
 
 def drawings(text: str) -> list[ElementTree.Element]:
-    """The figures of a page."""
+    """Return the figures of a page."""
     return [
         ElementTree.fromstring(svg)
         for svg in re.findall(r'<svg class="drawing".*?</svg>.*?</svg>', text)
@@ -199,40 +224,52 @@ def drawings(text: str) -> list[ElementTree.Element]:
 
 
 def field(drawing: ElementTree.Element) -> list[str | None]:
-    """Kinds of what stands in the field of a figure."""
+    """Return the kinds of the elements in the field of a figure."""
     return [part.get("class") for part in drawing[0]]
 
 
 def points(drawing: ElementTree.Element, kind: str) -> np.ndarray:
-    """Places of a line's points in the field."""
+    """Return the coordinates of a line's points in the field."""
     (path,) = (part for part in drawing[0] if part.get("class") == kind)
     return np.array(re.findall(r"[\d.-]+", str(path.get("d"))), float).reshape(-1, 2)
 
 
-def test_the_figure_of_a_level_has_its_band_and_its_alarm(reader: TestClient) -> None:
+def test_the_figure_of_a_band_power_has_its_healthy_band_and_its_alarm(
+    reader: TestClient,
+) -> None:
     query = {"channel": "x", "indicator": "shaft order 7", "point": "1500 rpm, 15 MPa"}
-    evidence, level = drawings(reader.get("/machines/pump-1", params=query).text)
+
+    evidence, band_power = drawings(reader.get("/machines/pump-1", params=query).text)
     assert field(evidence) == ["alarm", "alarm", "main", "dots"]
-    assert field(level) == ["band", "median", "alarm", "main", "dots"]
-    assert len(points(level, "main")) == len(level.get("data-ids").split()) == 34
+    assert field(band_power) == ["band", "median", "alarm", "main", "dots"]
+    assert len(points(band_power, "main")) == len(band_power.get("data-ids").split()) == 34
+
     trend = reader.get("/api/machines/pump-1/trend", params=query).json()["values"]
-    low, high = map(float, level.get("data-y").split())
-    assert low + (1 - points(level, "main")[:, 1] / HEIGHT) * (high - low) == pytest.approx(
-        trend, abs=0.05
-    )
+    low, high = map(float, band_power.get("data-y").split())
+    heights = 1 - points(band_power, "main")[:, 1] / HEIGHT
+    assert low + heights * (high - low) == pytest.approx(trend, abs=0.05)
 
 
 def test_the_figure_of_a_spectrum_lies_over_healthy_recordings_and_marks_the_pistons(
     client: TestClient, plant
 ) -> None:
-    figures = drawings(client.get(f"/recordings/{newest(plant, 'pump-1')}").text)
+    recording_id = newest_recording(plant, "pump-1")
+    figures = drawings(client.get(f"/recordings/{recording_id}").text)
+
     assert [field(figure)[-2:] for figure in figures] == [["band", "main"]] * 3
     assert [text.text for text in figures[0] if text.get("class") == "name"][:2] == ["7×", "14×"]
-    line, band = points(figures[0], "main"), points(figures[0], "band")
-    order = 1000 * 175 / float(figures[0].get("data-x").split()[1])
-    top, healthy = (part[np.abs(part[:, 0] - order) < 3][:, 1].min() for part in (line, band))
-    decades = np.subtract(*map(float, reversed(figures[0].get("data-y").split())))
-    assert 10 ** ((healthy - top) / HEIGHT * decades) > 2
+
+    # 175 Hz are seven pistons at 1500 rpm; the field is 1000 wide
+    piston_x = 1000 * 175 / float(figures[0].get("data-x").split()[1])
+
+    def peak_y(kind: str) -> float:
+        line = points(figures[0], kind)
+        return line[np.abs(line[:, 0] - piston_x) < 3][:, 1].min()
+
+    # y counts downward: a lower value is a higher amplitude
+    low, high = map(float, figures[0].get("data-y").split())
+    decades_above_healthy = (peak_y("band") - peak_y("main")) / HEIGHT * (high - low)
+    assert 10**decades_above_healthy > 2
 
 
 @pytest.mark.parametrize("kind", ["", "log", "time"])
@@ -241,16 +278,19 @@ def test_the_figure_of_a_spectrum_lies_over_healthy_recordings_and_marks_the_pis
 @example([1e10, 9_999_999_999.999998])  # the space at the ends was lost in rounding
 def test_an_axis_has_some_round_values_within_its_ends(kind: str, values: list[float]) -> None:
     axis = Axis.around(values, kind=kind)
+
     assert len(axis.ticks()) <= 8
     assert all(0 <= share <= 1 for share, _ in axis.ticks())
+
     shares = axis.share(np.array(values))
     assert ((shares > 0) & (shares < 1)).all()
 
 
-def test_the_browser_keeps_the_pages_own_files_and_no_page_and_no_other_file_is_served(
+def test_only_scripts_and_styles_are_cached_and_no_other_file_is_served(
     reader: TestClient,
 ) -> None:
     assert "max-age" in reader.get("/static/page.js").headers["cache-control"]
     assert "no-store" in reader.get("/").headers["cache-control"]
+
     for name in ("..%2fpage.py", "page.py", "%2e%2e/users.py", "nothing"):
         assert reader.get(f"/static/{name}").status_code == 404

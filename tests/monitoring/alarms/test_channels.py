@@ -1,5 +1,6 @@
-"""Messages reach real servers; a server that refuses, stays silent or dawdles is an error in one
-line, in time.
+"""Messages reach real servers; a server that refuses, stays silent or dawdles is an error.
+
+The error is one line and comes in time.
 """
 
 import json
@@ -41,7 +42,7 @@ MESSAGE = AlarmMessage(
 
 @contextmanager
 def serving(server: socketserver.BaseServer) -> Iterator[int]:
-    """Port of a server that runs until the end of the block."""
+    """Yield the port of a server that runs until the end of the block."""
     thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
     thread.start()
     try:
@@ -59,7 +60,8 @@ class MailServer(socketserver.ThreadingTCPServer):
 
     def __init__(self, *, refuse: str = "") -> None:
         super().__init__(("127.0.0.1", 0), MailHandler)
-        self.refuse, self.mails = refuse, list[bytes]()
+        self.refuse = refuse
+        self.mails: list[bytes] = []
 
 
 class MailHandler(socketserver.StreamRequestHandler):
@@ -96,14 +98,15 @@ class HookHandler(BaseHTTPRequestHandler):
 
 
 def hook_server(status: int = 204) -> ThreadingHTTPServer:
-    """A web server that answers every post with one status."""
+    """Return a web server that answers every post with one status."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), HookHandler)
-    server.posts, server.status = [], status  # type: ignore[attr-defined]
+    server.posts = []  # type: ignore[attr-defined]
+    server.status = status  # type: ignore[attr-defined]
     return server
 
 
 def mail_channel(port: int, **settings: Any) -> EmailChannel:
-    """A channel of mail to a server at a port, in the clear."""
+    """Return a channel of unencrypted mail to a server at a port."""
     facts = {
         "name": "mail",
         "host": "127.0.0.1",
@@ -115,7 +118,7 @@ def mail_channel(port: int, **settings: Any) -> EmailChannel:
 
 
 class DawdlingHandler(socketserver.StreamRequestHandler):
-    """Sends one character of a header now and then, for ever."""
+    """Sends one character of a header every 50 ms, without end."""
 
     def handle(self) -> None:
         try:
@@ -126,18 +129,19 @@ class DawdlingHandler(socketserver.StreamRequestHandler):
             pass
 
 
-def test_a_log_gets_one_line_for_each_message_whatever_the_names_hold(tmp_path: Path) -> None:
+def test_a_log_gets_one_line_for_each_message_even_if_a_name_has_control_characters(
+    tmp_path: Path,
+) -> None:
     channel = LogChannel(name="log")
+    hostile = AlarmMessage("a\nb\x1b[2J", "any", "sensor", "cleared", "now", "2")
+
     send(MESSAGE, channel, folder=tmp_path)
-    send(
-        AlarmMessage("a\nb\x1b[2J", "any", "sensor", "cleared", "now", "2"),
-        channel,
-        folder=tmp_path,
-    )
+    send(hostile, channel, folder=tmp_path)
+
     lines = (tmp_path / "alarms.log").read_text(encoding="utf-8").splitlines()
     assert lines == [
-        "2026-01-02T03:04:05+00:00 pump-1: pump alarm opened (860 rpm, 10 MPa). +9.1 dB at shaft order 9 (129 Hz), "
-        "channel cover_z http://127.0.0.1:8642/alarms/17",
+        "2026-01-02T03:04:05+00:00 pump-1: pump alarm opened (860 rpm, 10 MPa). "
+        "+9.1 dB at shaft order 9 (129 Hz), channel cover_z http://127.0.0.1:8642/alarms/17",
         "now a\\nb\\x1b[2J: sensor alarm cleared (any).",
     ]
 
@@ -146,7 +150,9 @@ def test_a_webhook_gets_the_message_as_json_with_the_token(tmp_path: Path) -> No
     server = hook_server()
     with serving(server) as port:
         url = Secret(f"http://127.0.0.1:{port}/hook?a=b")
-        send(MESSAGE, WebhookChannel(name="hook", url=url, token=Secret("t0ken")), folder=tmp_path)
+        channel = WebhookChannel(name="hook", url=url, token=Secret("t0ken"))
+        send(MESSAGE, channel, folder=tmp_path)
+
     ((path, headers, body),) = server.posts  # type: ignore[attr-defined]
     assert path == "/hook?a=b"
     assert headers["Authorization"] == "Bearer t0ken"
@@ -154,7 +160,7 @@ def test_a_webhook_gets_the_message_as_json_with_the_token(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("status", [302, 500])
-def test_a_webhook_that_does_not_take_the_message_is_an_error_with_its_status(
+def test_a_webhook_that_refuses_the_message_is_an_error_with_its_status_but_no_secret(
     tmp_path: Path, status: int
 ) -> None:
     with serving(hook_server(status)) as port:
@@ -165,15 +171,17 @@ def test_a_webhook_that_does_not_take_the_message_is_an_error_with_its_status(
             assert "heim" not in str(error.value)
 
 
-def test_a_mail_reaches_the_server_with_subject_reasons_link_and_identity_and_no_forged_header(
+def test_a_mail_has_its_subject_reasons_link_and_identity_and_no_forged_header(
     tmp_path: Path,
 ) -> None:
+
     server = MailServer()
     with serving(server) as port:
         send(MESSAGE, mail_channel(port, recipients=("d@e.f", "g@h.i")), folder=tmp_path)
         hostile = AlarmMessage("p\r\nBcc: x@y.z", "any", "pump", "opened", "now", "3")
         send(hostile, mail_channel(port), folder=tmp_path)
-    mail, second_mail = (
+
+    mail, hostile_mail = (
         message_from_bytes(content, policy=policy.default) for content in server.mails
     )
     assert mail["Subject"] == "pump-1: pump alarm opened (860 rpm, 10 MPa)"
@@ -181,7 +189,8 @@ def test_a_mail_reaches_the_server_with_subject_reasons_link_and_identity_and_no
     assert mail["Message-ID"] == "<alarm-17-opened@swashtwin>"
     assert "+9.1 dB at shaft order 9" in mail.get_content()
     assert "http://127.0.0.1:8642/alarms/17" in mail.get_content()
-    assert second_mail["Bcc"] is None
+
+    assert hostile_mail["Bcc"] is None
 
 
 @pytest.mark.parametrize(
@@ -192,37 +201,47 @@ def test_a_mail_reaches_the_server_with_subject_reasons_link_and_identity_and_no
         ("", "starttls", "STARTTLS"),
     ],
 )
-def test_a_mail_that_is_refused_or_would_go_in_the_clear_is_an_error_with_the_reason(
+def test_a_mail_that_is_refused_or_would_not_be_encrypted_is_an_error_with_the_reason(
     tmp_path: Path, refuse: str, tls: str, reason: str
 ) -> None:
     server = MailServer(refuse=refuse)
     with serving(server) as port, pytest.raises(ChannelError, match=reason):
         send(MESSAGE, mail_channel(port, tls=tls), folder=tmp_path)
+
     assert server.mails == []
 
 
 def test_a_broker_gets_the_message_as_json(tmp_path: Path, broker: Broker) -> None:
-    from paho.mqtt.client import Client
+    from paho.mqtt.client import Client, MQTTMessage
     from paho.mqtt.enums import CallbackAPIVersion
 
-    got, ready, payloads = threading.Event(), threading.Event(), list[bytes]()
+    has_subscribed = threading.Event()
+    has_received = threading.Event()
+    payloads: list[bytes] = []
+
+    def keep(_client: Client, _userdata: object, message: MQTTMessage) -> None:
+        payloads.append(message.payload)
+        has_received.set()
+
     listener = Client(CallbackAPIVersion.VERSION2)
-    listener.on_subscribe = lambda *_: ready.set()
-    listener.on_message = lambda _, __, message: (payloads.append(message.payload), got.set())
+    listener.on_subscribe = lambda *_: has_subscribed.set()
+    listener.on_message = keep
     listener.connect(broker.host, broker.port)
     listener.subscribe("plant/alarms", qos=1)
     listener.loop_start()
-    assert ready.wait(10)
+    assert has_subscribed.wait(10)
+
     channel = MqttChannel(name="mqtt", host=broker.host, port=broker.port, topic="plant/alarms")
     send(MESSAGE, channel, folder=tmp_path)
-    assert got.wait(10)
+    assert has_received.wait(10)
+
     listener.disconnect()
     listener.loop_stop()
     assert json.loads(payloads[0])["identity"] == "alarm-17-opened"
 
 
 def channels(port: int) -> list[Any]:
-    """A channel of each kind that uses the network, at a port."""
+    """Return a channel of each kind that uses the network, all to one port."""
     hook = WebhookChannel(name="hook", url=Secret(f"http://127.0.0.1:{port}/"))
     return [
         hook,
@@ -232,11 +251,10 @@ def channels(port: int) -> list[Any]:
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_a_server_that_is_not_there_or_stays_silent_is_an_error_in_time(
-    tmp_path: Path, number: int
-) -> None:
+def test_a_missing_or_silent_server_is_an_error_in_time(tmp_path: Path, number: int) -> None:
     with pytest.raises(ChannelError, match="Connection refused"):
         send(MESSAGE, channels(free_port())[number], folder=tmp_path)
+
     with socket.create_server(("127.0.0.1", 0)) as silent:
         channel = channels(silent.getsockname()[1])[number]
         started = time.monotonic()
@@ -248,6 +266,7 @@ def test_a_server_that_is_not_there_or_stays_silent_is_an_error_in_time(
 def test_a_webhook_that_answers_a_character_at_a_time_is_cut_off_in_time(tmp_path: Path) -> None:
     server = socketserver.ThreadingTCPServer(("127.0.0.1", 0), DawdlingHandler)
     server.daemon_threads = True
+
     with serving(server) as port:
         started = time.monotonic()
         with pytest.raises(ChannelError, match="hook"):

@@ -1,8 +1,7 @@
-"""A model of the watch: deliveries, acknowledgments, silences, maintenance and restarts in any
-order.
+"""A model of the watch: deliveries, acknowledgments, silences, maintenance, restarts in any order.
 
 The model knows what must hold of alarms and messages. The rule of alarms itself is replaced by one
-that says what the recording says, so that an alarm takes no forty recordings.
+that obeys the first sample of a recording, so that an alarm does not take forty recordings.
 """
 
 import shutil
@@ -51,11 +50,12 @@ def judge(
     *,
     point: str,
 ) -> OperatingPointJudgment:
-    """An alarm whose only evidence is the first sample: large or not."""
+    """Judge a recording by its first sample only: large or not."""
     condition = state.pump if state is not None else AlarmState()
     is_large = bool(recording.signal[0, 0] > 0)
     next_state, change = condition.update(is_large)
     baseline = OperatingPointBaseline.empty(BandPowerLayout(1.0, ("x",), "", 2, 0))
+
     state = OperatingPointState(baseline, ConformalTest({}), next_state, AlarmState())
     return OperatingPointJudgment(
         "watching",
@@ -69,7 +69,7 @@ def judge(
 
 
 class WatchModel(RuleBasedStateMachine):
-    """The watch of one machine, and what it must have done."""
+    """The watch of one machine, and the state that it must have reached."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -81,6 +81,7 @@ class WatchModel(RuleBasedStateMachine):
         ]
         for active_patch in self.patches:
             active_patch.start()
+
         self.count = 0
         self.filed: list[str] = []
         self.rejected: set[str] = set()
@@ -107,12 +108,13 @@ class WatchModel(RuleBasedStateMachine):
 
     @rule(is_large=strategies.booleans(), is_killed=strategies.booleans())
     def judge_next(self, is_large: bool, is_killed: bool) -> None:
-        """A recording comes and is judged; a kill may come before it leaves the spool."""
+        """Judge a new recording; a kill may come before it leaves the spool."""
         self.count += 1
         self._deliver(f"{self.count} {int(is_large)}")
         file = self.spool.next(0)
         self.pipeline.judge(file)
         self.filed.append(str(self.count))
+
         self.alarm_state, change = self.alarm_state.update(is_large)
         if change == "raised":
             self.opened += self.alarm is None
@@ -121,39 +123,44 @@ class WatchModel(RuleBasedStateMachine):
         elif change == "cleared":
             self.is_cleared = self.alarm == "open"
             self.alarm = "open" if self.is_cleared else None
+
         if is_killed:
             self.restart()
-            assert (
-                self.pipeline.judge(self.spool.next(0)).sentence == "was judged before the restart"
-            )
+            repeated = self.pipeline.judge(self.spool.next(0))
+            assert repeated.sentence == "was judged before the restart"
+
         self.spool.remove(file)
 
     @precondition(lambda self: self.count)
     @rule()
     def deliver_again(self) -> None:
-        """The newest recording comes a second time."""
+        """Deliver the newest recording a second time."""
         self._deliver(f"{self.count} 1")
+
         file = self.spool.next(0)
         assert self.pipeline.judge(file).state == "rejected"
         self.spool.remove(file)
+
         self.rejected.add("double")
 
     @rule()
     def restart(self) -> None:
-        """The watch ends and starts."""
+        """End the watch and start it again."""
         self.history.close()
         self.start()
 
     @rule()
     def acknowledge(self) -> None:
-        """Somebody acknowledges the alarm, if there is an open one."""
+        """Acknowledge the alarm, if there is an open one, and try it again."""
         alarms = self.history.reader.alarms(state="open")
         assert len(alarms) == (self.alarm == "open")
+
         for alarm in alarms:
             with self.history.machine("pump-1") as machine:
                 machine.acknowledge(alarm.id, "Ada", "seen")
             self.alarm = None if self.is_cleared else "acknowledged"
             self.is_cleared = False
+
             try:
                 with self.history.machine("pump-1") as machine:
                     machine.acknowledge(alarm.id, "Bob")
@@ -163,7 +170,7 @@ class WatchModel(RuleBasedStateMachine):
 
     @rule(is_on=strategies.booleans())
     def silence(self, is_on: bool) -> None:
-        """A silence begins or ends."""
+        """Begin or end a silence."""
         with self.history.machine("pump-1") as machine:
             machine.end_silence()
             if is_on:
@@ -172,7 +179,7 @@ class WatchModel(RuleBasedStateMachine):
 
     @rule()
     def maintain(self) -> None:
-        """After maintenance everything begins anew."""
+        """Record maintenance, after which learning and alarms start anew."""
         record_event(self.config, self.history, "pump-1", who="Ada", note="", maintenance=True)
         self.alarm_state = AlarmState()
         self.alarm = None
@@ -180,18 +187,20 @@ class WatchModel(RuleBasedStateMachine):
 
     @invariant()
     def holds(self) -> None:
-        """Nothing is lost or there twice, and alarms and messages are those of the model."""
+        """Check that nothing is lost or filed twice, and alarms and messages match the model."""
         if not hasattr(self, "history"):
             return
+
         reader = self.history.reader
         assert sorted(row.content for row in reader.recordings(limit=1000)) == sorted(self.filed)
         assert {row.reason for row in reader.rejections()} == self.rejected
+
         alarms = reader.alarms(limit=1000)
         assert len(alarms) == self.opened
-        assert [row.state for row in alarms if row.state != "closed"] == (
-            [self.alarm] if self.alarm else []
-        )
+        expected_states = [self.alarm] if self.alarm else []
+        assert [row.state for row in alarms if row.state != "closed"] == expected_states
         assert all(row.who == "Ada" for row in alarms if row.state != "open")
+
         with self.history.machine("pump-1") as machine:
             unreported = [row for row in machine.unreported_alarms() if row.cleared is None]
         assert (
@@ -200,11 +209,13 @@ class WatchModel(RuleBasedStateMachine):
             or self.count == 0
             or not self.was_reported_since_silence()
         )
+
         assert len(self.spool) == 0
 
     def was_reported_since_silence(self) -> bool:
-        """Whether a recording was judged after the last silence, which posts what was raised in
-        it.
+        """Return whether a recording was judged after the last silence.
+
+        Its judgment posts the alarms that were raised during the silence.
         """
         newest = self.history.reader.recordings(limit=1)
         with self.history.machine("pump-1") as machine:
@@ -227,8 +238,8 @@ TestWatch = WatchModel.TestCase
 
 
 @pytest.mark.nightly
-def test_long_courses() -> None:
-    course = settings(
+def test_long_sequences_of_events_match_the_model() -> None:
+    long_run = settings(
         max_examples=30, stateful_step_count=40, deadline=None, suppress_health_check=_CHECKS
     )
-    run_state_machine_as_test(WatchModel, settings=course)
+    run_state_machine_as_test(WatchModel, settings=long_run)

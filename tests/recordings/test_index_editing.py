@@ -65,7 +65,7 @@ def test_a_new_class_is_declared_and_an_undone_one_leaves_again(index: Path) -> 
         (FactChange("a.csv", "speed", "860 rpm", "1500"), "unit"),
         (FactChange("a.csv", "speed", "860 rpm", "0 rpm"), "above zero"),
         (FactChange("a.csv", "unit", "g", None), "\\[defaults\\]"),
-        (FactChange("a.csv", "colour", None, "red"), "unknown key"),
+        (FactChange("a.csv", "color", None, "red"), "unknown key"),
     ],
 )
 def test_what_cannot_be_is_refused_and_nothing_is_written(

@@ -105,7 +105,7 @@ def test_while_an_alarm_stands_nothing_is_bet_and_five_quiet_recordings_clear_it
     assert point_judgments[-1].capital <= 1
 
 
-def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
+def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgment_has(
     machine: Machine, watched: OperatingPointState
 ) -> None:
     band_powers = baseline_band_powers(to_table(watched.baseline))
@@ -118,7 +118,7 @@ def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
     assert np.mean(spreads) < 2
 
 
-def test_the_same_recordings_give_the_same_judgements(
+def test_the_same_recordings_give_the_same_judgments(
     machine: Machine, watched: OperatingPointState
 ) -> None:
     first, second = (course(machine, [0.0, 9.0, 12.0], watched, 40) for _ in range(2))

@@ -53,5 +53,6 @@ paper = Preset(
 """The preset of the paper (DOI 10.1177/00202940261419020)."""
 
 recommended = Preset("recommended", RECOMMENDED_TRAINING, MappingProxyType({}))
-"""The defaults of `calibrate` and `FaultClassifier` (docs/explanation/networks.md), which selects by
-trials; a named network is trained by `training`."""
+"""The defaults of `calibrate` and `FaultClassifier` (docs/explanation/networks.md), which selects
+by trials; a named network is trained by `training`.
+"""

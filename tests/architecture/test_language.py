@@ -23,9 +23,9 @@ DIALECT = {
     "is none": r"(?<!there )\bis none\b",
     "is none of": r"\bis none of\b",
     "are none": r"(?<!there )\bare none\b",
-    "of its own": r"\bof its own\b",
+    "of its own": r"\bof its own(?=[.,;:)\"]|$)",
     "so many": r"\bso many\b",
-    "as far as": r"\bas far as\b",
+    "as far as": r"\bas far as (?:it|they|there|possible)\b",
     "as they are": r"\bas they are\b",
     "could be (for a prediction set)": r"\bcould be:",
 }
@@ -60,9 +60,8 @@ def messages_of(path: Path) -> Iterator[tuple[int, str]]:
         if isinstance(node, ast.JoinedStr):
             parts = [part.value for part in node.values if isinstance(part, ast.Constant)]
             yield node.lineno, "".join(map(str, parts))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            if id(node) not in docstrings:
-                yield node.lineno, node.value
+        elif isinstance(node, ast.Constant) and id(node) not in docstrings:
+            yield node.lineno, str(node.value)
 
 
 def python_files() -> list[Path]:

@@ -87,7 +87,8 @@ class Calibration:
         )
         return (
             f"<Calibration of {self.nominal.pump.name} ({self.nominal.label}) by {self.method} on "
-            f"{plural(len(self.recording_ids), 'recording')}; identified: {identified or 'nothing'}>"
+            f"{plural(len(self.recording_ids), 'recording')}; "
+            f"identified: {identified or 'nothing'}>"
         )
 
     def estimate(self, name: str) -> Estimate:

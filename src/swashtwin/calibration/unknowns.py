@@ -141,7 +141,9 @@ class Nuisances:
     sensor: float = 0.0
     """Of the logarithm of the gain that all channels share."""
     mount_axes: float = 0.0
-    """Of the logarithm of the mounting's stiffness along each axis and in tilt, on top of `mount`."""
+    """Of the logarithm of the mounting's stiffness along each axis and in tilt, on top of
+    `mount`.
+    """
     each_bearing: float = 0.0
     """Of the logarithm of each bearing's stiffness, on top of `bearing`."""
     gains: float = 0.0
@@ -175,7 +177,9 @@ class Nuisances:
 
     @classmethod
     def housing(cls, **changes: Any) -> "Nuisances":
-        """Return the typical nuisances, with a gain of each channel and two modes of the housing."""
+        """Return the typical nuisances, with a gain of each channel and two modes of the
+        housing.
+        """
         return cls.typical(**{"gains": 0.1, "modes": 2, **changes})
 
     @classmethod

@@ -87,8 +87,8 @@ def calibrate(
         typer.Option(
             "--set",
             metavar="NAME=VALUE",
-            help="Setting of the method (starts=8), or: nuisances=none, typical, housing or by-axis "
-            "(further unknown constants that are estimated), phases=false, lines=shaft or "
+            help="Setting of the method (starts=8), or: nuisances=none, typical, housing or "
+            "by-axis (further unknown constants that are estimated), phases=false, lines=shaft or "
             "spectrum, solver=rk4, bounds=10 (factor around the nominal values). Repeatable.",
         ),
     ] = None,

@@ -162,7 +162,9 @@ def _collect_evidence(
     recordings: "Sequence[Recording]",
     verdicts: "Sequence[Diagnosis]",
 ) -> "dict[str, Evidence]":
-    """Return what the first verdicts rest on, by recording; nothing if a network has no gradients."""
+    """Return what the first verdicts rest on, by recording; nothing if a network has no
+    gradients.
+    """
     from swashtwin.diagnosis import explain
     from swashtwin.foundation import DataError
 

@@ -136,7 +136,7 @@ def event(
             machine,
             who=_user_name(),
             note=text,
-            found=finding,
+            finding=finding,
             maintenance=maintenance,
         )
     finally:

@@ -41,7 +41,7 @@ _MAY_BE_NAN = ("healthy.speed", "healthy.pressure")
 _MAX_NAMED_OUTLIERS = 6
 _MAX_OUTLIER_CAUSES = 2
 
-# An outlier resembles another operating point if its score there is so many times lower.
+# An outlier resembles another operating point if its score there is lower by this factor.
 _OTHER_POINT_RATIO = 4.0
 
 # Relative; keeps a p-value equal to the rate from being above it by rounding.

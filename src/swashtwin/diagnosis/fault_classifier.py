@@ -106,7 +106,8 @@ class FaultClassifier(Estimator):
     Examples
     --------
     >>> time = np.arange(64) / 1000
-    >>> X = np.stack([np.sin(2 * np.pi * f * time) for f in (100, 101, 102, 200, 201, 202)])[:, None]
+    >>> frequencies = (100, 101, 102, 200, 201, 202)
+    >>> X = np.stack([np.sin(2 * np.pi * f * time) for f in frequencies])[:, None]
     >>> y = ["normal"] * 3 + ["piston"] * 3
     >>> FaultClassifier("band_powers", sample_rate=1000.0).fit(X, y).predict(X[:4:3]).tolist()
     ['normal', 'piston']

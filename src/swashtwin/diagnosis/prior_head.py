@@ -288,7 +288,9 @@ def fit_head(
 
 
 def _virtual_scatter(virtual: VirtualChanges) -> Float64[np.ndarray, "pump column"]:
-    """Return each virtual pump's scatter, shrunk toward that of all, since it has few references."""
+    """Return each virtual pump's scatter, shrunk toward that of all, since it has few
+    references.
+    """
     healthy_changes = _flatten(virtual.change[virtual.target == 0])
     mean_square = np.mean(healthy_changes**2, axis=0)
     scatter: Float64[np.ndarray, "pump column"] = np.sqrt(
@@ -374,7 +376,9 @@ def _network_inputs(
     direction: Float64[np.ndarray, "direction column"],
     shrinkage: Float64[np.ndarray, " direction"],
 ) -> Float64[np.ndarray, "row column"]:
-    """Return changes as the network takes them: scaled, shrunk along healthy directions, bounded."""
+    """Return changes as the network takes them: scaled, shrunk along healthy directions,
+    bounded.
+    """
     scaled = _divide_by_scatter(changes, scatter)
     healthy_part = ((scaled @ direction.T) * shrinkage) @ direction
     return np.arcsinh(scaled - healthy_part)

@@ -225,7 +225,8 @@ _DRAIN = (
 )
 _OIL = "Take an oil sample from the running line: particle count, and which metals."
 _FIRST_CHECK = Check(
-    "Check pressure, speed, oil level, suction pressure, air in the oil, and the sensor's mounting.",
+    "Check pressure, speed, oil level, suction pressure, air in the oil, and the sensor's "
+    "mounting.",
     "A starved or aerated pump and a loose sensor change vibration more than early wear does; rule "
     "them out first.",
 )

@@ -47,8 +47,8 @@ def safe_file_name(text: str) -> str:
 
     Examples
     --------
-    >>> safe_file_name("pump A/3"), safe_file_name("a:b"), safe_file_name("con"), safe_file_name("..")
-    ('pump_A_3', 'a_b', 'con_', '_')
+    >>> [safe_file_name(name) for name in ("pump A/3", "a:b", "con", "..")]
+    ['pump_A_3', 'a_b', 'con_', '_']
     """
     name = re.sub(r"[^\w.+-]", "_", text)[:_MAX_NAME_CHARACTERS].strip(".")
     return _WINDOWS_DEVICE.sub(r"\g<0>_", name) or "_"

@@ -40,7 +40,8 @@ def resume_folder(folder: Path, manifest: str, settings: Mapping[str, Any]) -> N
     if not path.is_file():
         if folder.exists() and not _is_empty(folder):
             raise InputError(
-                f"{folder} is not a folder of such recordings and is not empty; choose a new folder."
+                f"{folder} is not a folder of such recordings and is not empty; choose a new "
+                "folder."
             )
         write_text(path, json.dumps(settings, indent=1))
         return

@@ -66,15 +66,33 @@ def celsius(value: float) -> float:
 # SI unit and factor of the units in daily use. Other units are looked up with pint, which takes
 # half a second to build its registry.
 _COMMON = {
-    "m": ("m", 1.0), "cm": ("m", 1e-2), "mm": ("m", 1e-3), "um": ("m", 1e-6),
-    "kg": ("kg", 1.0), "s": ("s", 1.0), "ms": ("s", 1e-3),
-    "m/s^2": ("m/s^2", 1.0), "mm/s^2": ("m/s^2", 1e-3), "g_0": ("m/s^2", 9.80665), "mg_0": ("m/s^2", 9.80665e-3),
-    "m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3),
-    "Hz": ("Hz", 1.0), "kHz": ("Hz", 1e3),
-    "rad/s": ("rad/s", 1.0), "rpm": ("rad/s", math.pi / 30),
-    "Pa": ("Pa", 1.0), "kPa": ("Pa", 1e3), "MPa": ("Pa", 1e6), "bar": ("Pa", 1e5), "mbar": ("Pa", 1e2),
-    "N": ("N", 1.0), "V": ("V", 1.0), "K": ("K", 1.0), "1": ("1", 1.0),
-}  # fmt: skip
+    "m": ("m", 1.0),
+    "cm": ("m", 1e-2),
+    "mm": ("m", 1e-3),
+    "um": ("m", 1e-6),
+    "kg": ("kg", 1.0),
+    "s": ("s", 1.0),
+    "ms": ("s", 1e-3),
+    "m/s^2": ("m/s^2", 1.0),
+    "mm/s^2": ("m/s^2", 1e-3),
+    "g_0": ("m/s^2", 9.80665),
+    "mg_0": ("m/s^2", 9.80665e-3),
+    "m/s": ("m/s", 1.0),
+    "mm/s": ("m/s", 1e-3),
+    "Hz": ("Hz", 1.0),
+    "kHz": ("Hz", 1e3),
+    "rad/s": ("rad/s", 1.0),
+    "rpm": ("rad/s", math.pi / 30),
+    "Pa": ("Pa", 1.0),
+    "kPa": ("Pa", 1e3),
+    "MPa": ("Pa", 1e6),
+    "bar": ("Pa", 1e5),
+    "mbar": ("Pa", 1e2),
+    "N": ("N", 1.0),
+    "V": ("V", 1.0),
+    "K": ("K", 1.0),
+    "1": ("1", 1.0),
+}
 
 _SHAFT_SPEEDS = dict.fromkeys(
     ("rpm", "r/min", "rev/min", "1/min", "/min", "min^-1", "min-1", "U/min", "Upm"), math.pi / 30
@@ -206,7 +224,7 @@ def parse_quantity(text: object, unit: str, *, name: str = "value") -> float:
     >>> parse_quantity("860 rpm", "Hz", name="sample_rate")
     Traceback (most recent call last):
     ...
-    swashtwin.foundation.errors.UnitError: sample_rate = '860 rpm' is an angular speed; write it as "14.3333 Hz".
+    swashtwin.foundation.errors.UnitError: sample_rate = '860 rpm' is an angular speed; ...
     """
     unit_suffix = "" if unit == "1" else f" {unit}"
     if not isinstance(text, str):

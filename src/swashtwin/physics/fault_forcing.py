@@ -71,7 +71,7 @@ def _(fault: BoreDefect, pump: Pump, condition: OperatingCondition, n_lines: int
 
 
 UNCHANGED = Interfaces.from_values([1.0] * 6)
-"""Factors of a fault that leaves all films as they are."""
+"""Factors of a fault that leaves all films unchanged."""
 
 
 @singledispatch

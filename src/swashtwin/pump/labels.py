@@ -11,10 +11,35 @@ CLASSES = ("normal", "swash_plate", "cylinder_block", "piston", "valve_plate")
 
 # Words for a healthy machine. Labels come from users' files, in the languages of `propose_class`.
 _HEALTHY = (
-    "healthy", "ok", "okay", "good", "baseline", "intact", "undamaged", "faultless", "fault_free", "no_fault",
-    "no_defect", "gesund", "gut", "in_ordnung", "io", "i_o", "fehlerfrei", "unbeschädigt", "intakt", "sain", "bon",
-    "sans_défaut", "sano", "bueno", "sin_fallo", "正常", "健康", "完好",
-)  # fmt: skip
+    "healthy",
+    "ok",
+    "okay",
+    "good",
+    "baseline",
+    "intact",
+    "undamaged",
+    "faultless",
+    "fault_free",
+    "no_fault",
+    "no_defect",
+    "gesund",
+    "gut",
+    "in_ordnung",
+    "io",
+    "i_o",
+    "fehlerfrei",
+    "unbeschädigt",
+    "intakt",
+    "sain",
+    "bon",
+    "sans_défaut",
+    "sano",
+    "bueno",
+    "sin_fallo",
+    "正常",
+    "健康",
+    "完好",
+)
 
 ALIASES = {
     **dict.fromkeys(_HEALTHY, CLASSES[0]),
@@ -30,16 +55,55 @@ ALIASES = {
 # Words for a part in English, German, French, Spanish and Chinese, without accents. The first class
 # that matches counts, so that a `Kolbentrommel` (cylinder block) does not match `kolben` (piston).
 _PARTS = {
-    "cylinder_block": ("cylinder_block", "cylinder_barrel", "zylinderblock", "zylindertrommel", "kolbentrommel",
-                       "bloc_cylindre", "barillet", "bloque_de_cilindro", "barrilete", "缸体"),
-    "loose_slipper": ("slipper", "piston_shoe", "kolbenschuh", "gleitschuh", "patin", "zapata", "滑靴"),
-    "swash_plate": ("swash", "schragscheibe", "schraegscheibe", "schwenkscheibe", "taumelscheibe", "plateau_incline",
-                    "plateau_oscillant", "plato_inclinado", "plato_oscilante", "斜盘"),
-    "valve_plate": ("valve_plate", "valveplate", "port_plate", "steuerplatte", "steuerscheibe", "steuerspiegel",
-                    "glace_de_distribution", "plaque_de_distribution", "placa_de_valvula", "placa_de_distribucion",
-                    "配流盘", "配油盘"),
+    "cylinder_block": (
+        "cylinder_block",
+        "cylinder_barrel",
+        "zylinderblock",
+        "zylindertrommel",
+        "kolbentrommel",
+        "bloc_cylindre",
+        "barillet",
+        "bloque_de_cilindro",
+        "barrilete",
+        "缸体",
+    ),
+    "loose_slipper": (
+        "slipper",
+        "piston_shoe",
+        "kolbenschuh",
+        "gleitschuh",
+        "patin",
+        "zapata",
+        "滑靴",
+    ),
+    "swash_plate": (
+        "swash",
+        "schragscheibe",
+        "schraegscheibe",
+        "schwenkscheibe",
+        "taumelscheibe",
+        "plateau_incline",
+        "plateau_oscillant",
+        "plato_inclinado",
+        "plato_oscilante",
+        "斜盘",
+    ),
+    "valve_plate": (
+        "valve_plate",
+        "valveplate",
+        "port_plate",
+        "steuerplatte",
+        "steuerscheibe",
+        "steuerspiegel",
+        "glace_de_distribution",
+        "plaque_de_distribution",
+        "placa_de_valvula",
+        "placa_de_distribucion",
+        "配流盘",
+        "配油盘",
+    ),
     "piston": ("piston", "plunger", "kolben", "embolo", "柱塞", "活塞"),
-}  # fmt: skip
+}
 
 # Words for the whole machine, taken out first: a `piston pump` does not name its piston.
 _MACHINES = re.compile(

@@ -351,9 +351,13 @@ class Pump:
 
 
 _TRADE = {
-    "m": ("mm", 1e-3), "m^3": ("cm^3", 1e-6), "rad": ("deg", math.pi / 180), "rad/s": ("rpm", math.pi / 30),
-    "Pa": ("MPa", 1e6), "m^3/s": ("L/min", 1e-3 / 60),
-}  # fmt: skip
+    "m": ("mm", 1e-3),
+    "m^3": ("cm^3", 1e-6),
+    "rad": ("deg", math.pi / 180),
+    "rad/s": ("rpm", math.pi / 30),
+    "Pa": ("MPa", 1e6),
+    "m^3/s": ("L/min", 1e-3 / 60),
+}
 
 # Shorter lengths are gaps, and written in um.
 _MAX_GAP_M = 1e-4

@@ -56,7 +56,8 @@ def _require_one_value(
     if len(set(values.values())) > 1:
         listed = ", ".join(f"{name}: {value}" for name, value in values.items())
         raise DataError(
-            f"{source_name} holds channels of {difference} ({listed}), which are not one recording.",
+            f"{source_name} holds channels of {difference} ({listed}), which are not one "
+            "recording.",
             field="channels",
             remedy=f"Select channels {requirement} with {{channels}}.",
         )
@@ -107,7 +108,8 @@ def resolve_sample_rate(
 
     if abs(specified / in_file - 1) > _RATE_TOLERANCE:
         raise DataError(
-            f"{source_name} states a sample rate of {in_file:g} Hz, but {specified:g} Hz is specified.",
+            f"{source_name} states a sample rate of {in_file:g} Hz, but {specified:g} Hz is "
+            "specified.",
             field="sample_rate",
             remedy=_rate_remedy(specified / in_file),
         )

@@ -145,11 +145,11 @@ def load_index(
     return recordings
 
 
-def _may_match(specified: str | None, wanted: str | None) -> bool:
+def _may_match(specified: str | None, selected_label: str | None) -> bool:
     """Return whether an entry may be selected: a file may state what its entry does not."""
-    if specified is None or wanted is None:
+    if specified is None or selected_label is None:
         return True
-    return is_same_class(plain_text(str(specified)), wanted)
+    return is_same_class(plain_text(str(specified)), selected_label)
 
 
 def _require_declared_class(

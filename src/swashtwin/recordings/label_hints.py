@@ -60,22 +60,21 @@ def label_hints(entries: Iterable[Mapping[str, Any]]) -> list[Finding]:
         hints.append(Finding("single_class", "note", None, message, remedy))
 
     pairs = sorted({_split_label(entry) for entry in labeled})
-    words = sorted({word for word, _ in pairs})
+    first_words = sorted({word for word, _ in pairs})
     have_rest = len(pairs) > 1 and all(rest for _, rest in pairs)
-    if have_rest and (len(words) == 1 or any(is_healthy(rest) for _, rest in pairs)):
-        listed = ", ".join(words[:_MAX_LISTED_WORDS])
-        remedy = (
-            f"If that is a machine, separate it from the class with {_pattern(labeled, words)}."
-        )
+    if have_rest and (len(first_words) == 1 or any(is_healthy(rest) for _, rest in pairs)):
+        listed = ", ".join(first_words[:_MAX_LISTED_WORDS])
+        pattern = _pattern(labeled, first_words)
+        remedy = f"If that is a machine, separate it from the class with {pattern}."
         hints.append(
             Finding("machine_in_class", "note", None, f"all classes begin with {listed}.", remedy)
         )
     return hints
 
 
-def _pattern(labeled: Iterable[Mapping[str, Any]], words: Iterable[str]) -> str:
+def _pattern(labeled: Iterable[Mapping[str, Any]], first_words: Iterable[str]) -> str:
     """Return the settings that separate the words from the classes; without value if none fits."""
-    machines = "|".join(map(re.escape, words))
+    machines = "|".join(map(re.escape, first_words))
     pattern = rf"(?P<specimen>{machines})[^a-zA-Z]+(?P<label>[a-zA-Z_]+)"
     for entry in labeled:
         match = re.search(pattern, entry["file"])

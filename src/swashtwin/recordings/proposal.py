@@ -215,13 +215,13 @@ def _complete_by_questions(
     survey: "_Survey", files: Sequence[str], ask: Callable[[str, str], str | None] | None
 ) -> "_Survey":
     """Return a survey with the answers to its questions; each question is asked once."""
-    asked: set[str] = set()
+    asked_keys: set[str] = set()
     while ask is not None:
         answers: dict[str, str] = {}
         for key, text in survey.questions().items():
-            if key in asked:
+            if key in asked_keys:
                 continue
-            asked.add(key)
+            asked_keys.add(key)
             if answer := ask(key, text):
                 answers[key] = answer
         if not answers:

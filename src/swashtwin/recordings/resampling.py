@@ -29,13 +29,13 @@ class Resampled(NamedTuple):
     """How they are computed; empty if the rate is that of the file."""
 
 
-def resample(samples: Samples, rate: float, wanted: str, source_name: str) -> Resampled:
+def resample(samples: Samples, rate: float, requested_rate: str, source_name: str) -> Resampled:
     """Return samples at another rate; the file is read when they are.
 
     Parameters
     ----------
     rate : sample rate of `samples` [Hz].
-    wanted : the new rate, such as ``"12 kHz"``.
+    requested_rate : the new rate, such as ``"12 kHz"``.
     source_name : name of the file in messages.
 
     Raises
@@ -43,11 +43,11 @@ def resample(samples: Samples, rate: float, wanted: str, source_name: str) -> Re
     DataError
         The rate is not that of a measurement, or not in a ratio of whole numbers to `rate`.
     """
-    new_rate = parse_quantity(wanted, "Hz", name=f"{source_name}: resample")
+    new_rate = parse_quantity(requested_rate, "Hz", name=f"{source_name}: resample")
     lowest, highest = SAMPLE_RATE_RANGE_HZ
     if not lowest <= new_rate <= highest:
         raise DataError(
-            f"{source_name}: resample ({wanted}) is not a rate of a measurement.",
+            f"{source_name}: resample ({requested_rate}) is not a rate of a measurement.",
             field="resample",
             remedy="Use a rate such as {resample='12 kHz'}.",
         )

@@ -60,7 +60,8 @@ class _Sensitivity(NamedTuple):
                 return cls(factor, normalize_unit(unit or "1"), per, text)
 
         raise UnitError(
-            f"{source_name}: sensitivity ({text}) must be a number with its unit: {_SENSITIVITY_FORMS}.",
+            f"{source_name}: sensitivity ({text}) must be a number with its unit: "
+            f"{_SENSITIVITY_FORMS}.",
             field="sensitivity",
         )
 

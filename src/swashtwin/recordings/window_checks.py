@@ -79,10 +79,10 @@ def default_window(recordings: Sequence[Recording]) -> int:
 
     counts = [recording.n_samples for recording in recordings]
     max_rate = max(recording.sample_rate for recording in recordings)
-    wanted = max(_MIN_LONG_WINDOW, _round_to_power_of_two(_MIN_WINDOW_TIME_S * max_rate))
+    long_window = max(_MIN_LONG_WINDOW, _round_to_power_of_two(_MIN_WINDOW_TIME_S * max_rate))
     fitting = _round_to_power_of_two(statistics.median(counts) / _MIN_WINDOWS)
     possible = _round_to_power_of_two(min(counts))
-    return max(_MIN_WINDOW, min(wanted, fitting, possible))
+    return max(_MIN_WINDOW, min(long_window, fitting, possible))
 
 
 def _round_to_power_of_two(samples: float) -> int:

@@ -1,8 +1,8 @@
 """Windows made with a twin.
 
-A synthetic window is the twin's steady acceleration, with everything drawn anew that varies from one
-moment to the next, laid over noise as the machine makes it. It carries ``synthetic=True``, which
-`evaluate` refuses.
+A synthetic window is the twin's steady acceleration, with everything drawn anew that varies from
+one moment to the next, laid over noise as the machine makes it. It carries ``synthetic=True``,
+which `evaluate` refuses.
 """
 
 import math
@@ -234,8 +234,8 @@ def _calibration_notes(
     if uncalibrated:
         notes += (
             f"The calibration read {', '.join(calibrated)}, but not {', '.join(uncalibrated)}: the "
-            "gains of these are those of the pump file, which no recording has checked. Calibrate on "
-            "them, or leave them out (channels = [...]).",
+            "gains of these are those of the pump file, which no recording has checked. Calibrate "
+            "on them, or leave them out (channels = [...]).",
         )
     if law is not None and law.apply_to(twin.fault) != twin.fault and not law.corner.is_constrained:
         notes += (

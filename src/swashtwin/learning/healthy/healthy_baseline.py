@@ -156,7 +156,7 @@ class HealthyBaseline:
         Raises
         ------
         DataError
-            There are none.
+            No healthy recording exists at that operating point.
         """
         index, _ = match_point(recording, self.points)
         return self.band_powers[self.point_index == index]

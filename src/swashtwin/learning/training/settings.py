@@ -169,8 +169,8 @@ RECOMMENDED_TRAINING = TrainingSettings(
     epochs=30, batch_size=64, learning_rate=2e-3, decay="cosine", normalization="set"
 )
 """Our training: a learning rate that falls to zero needs only 30 epochs, and one scale for the
-whole training set keeps the overall level, which a fault changes. Chosen on fleets 100 to 102 of the
-virtual rig, on which no study is reported (docs/explanation/networks.md).
+whole training set keeps the overall level, which a fault changes. Chosen on fleets 100 to 102 of
+the virtual rig, on which no study is reported (docs/explanation/networks.md).
 """
 
 

@@ -444,7 +444,7 @@ class OperatingPointMonitor:
         is_proven = capital * self.false_alarm_rate >= 1
         pump, pump_change = state.pump.update(is_large, is_proven=is_proven)
         if pump_change == "cleared":
-            # The next alarm needs evidence of its own: the test starts without bets.
+            # The next alarm requires new evidence: the test starts without bets.
             test = ConformalTest(test.scores)
 
         channel_shifts, changes = band_power_changes(

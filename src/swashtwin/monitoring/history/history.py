@@ -116,7 +116,7 @@ def record_event(
     *,
     who: str,
     note: str,
-    found: str = "",
+    finding: str = "",
     maintenance: bool,
 ) -> int:
     """Record an event of a machine, and return its number.
@@ -125,12 +125,12 @@ def record_event(
 
     Parameters
     ----------
-    found : what was wrong with the machine; it is kept with its newest alarm.
+    finding : what was wrong with the machine; it is kept with its newest alarm.
 
     Raises
     ------
     InputError
-        The configuration has no such machine, or `found` is given although there was no alarm.
+        The configuration has no such machine, or `finding` is given although there was no alarm.
     """
     if config.machine(machine) is None:
         raise InputError(
@@ -138,9 +138,9 @@ def record_event(
         )
 
     with history.machine(machine) as transaction:
-        if found:
-            transaction.record_finding(found, who)
-            note = "; ".join(filter(None, (f"found: {found}", note)))
+        if finding:
+            transaction.record_finding(finding, who)
+            note = "; ".join(filter(None, (f"finding: {finding}", note)))
         if not maintenance:
             return transaction.add_event("note", who, note)
 

@@ -106,7 +106,7 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
                 name,
                 who=acting_name(request, who),
                 note=note,
-                found=finding,
+                finding=finding,
                 maintenance=kind == "maintenance",
             )
         except InputError as error:

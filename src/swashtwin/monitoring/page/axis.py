@@ -62,7 +62,8 @@ class Axis(NamedTuple):
         return cls(low - margin, high + margin, kind)
 
     def share(self, values: Float[np.ndarray, "*point"] | float) -> Float[np.ndarray, "*point"]:
-        """Return the positions of values as shares of the range, 0 at the low and 1 at the high end.
+        """Return the positions of values as shares of the range, 0 at the low and 1 at the high
+        end.
 
         The logarithm of a value that is not positive is NaN.
         """

@@ -31,7 +31,9 @@ class OrderLines:
     orders: Int[np.ndarray, " line"]
     """Shaft orders at which any of the twins is computed, rising."""
     lines: Complex[Tensor, "twin *batch sensor line"]
-    """Lines [m/s^2]; zero at orders that a twin does not have, such as those above its bandwidth."""
+    """Lines [m/s^2]; zero at orders that a twin does not have, such as those above its
+    bandwidth.
+    """
 
 
 def accelerations(
@@ -126,7 +128,9 @@ def _chunks(twins: Sequence[Twin], n_rows: int) -> Iterator[list[int]]:
 
 
 def _stack_drives(twins: Sequence[Twin], n_rows: int) -> Drive:
-    """Return one drive of several twins over all their orders, each twin repeated `n_rows` times."""
+    """Return one drive of several twins over all their orders, each twin repeated `n_rows`
+    times.
+    """
     drives = [twin.drive for twin in twins]
     if len(drives) == 1:
         return drives[0]

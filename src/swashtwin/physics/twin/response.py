@@ -91,7 +91,7 @@ class SensorPath:
     """Share r_cm of each mode (inner) in each channel (outer)."""
     cross_talk: tuple[tuple[float, ...], ...] = ()
     """Share x_cd of each channel (inner) in each channel (outer), zero of a channel in itself;
-    empty is none.
+    empty without crosstalk.
     """
 
     def __post_init__(self) -> None:

@@ -35,13 +35,16 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 36
 # Names of a column with the time, with or without its unit at the end.
 _TIME_NAME = re.compile(
     r"(?:x[_ ]?value|t|epoch|(?=milli|micro|nano)"
-    r"|(?:elapsed|rel(?:ative)?|abs(?:olute)?|sample|measurement)?[_ ]?(?:time|zeit)(?:[_ ]?stamps?)?)"
-    r"(?:[_ ]?(?<![a-z])(s|sec|seconds|ms|msec|us|usec|ns)|[_ ]?((?:milli|micro|nano)s(?:econds)?))?(?:[_ ]?\d+)?",
+    r"|(?:elapsed|rel(?:ative)?|abs(?:olute)?|sample|measurement)?"
+    r"[_ ]?(?:time|zeit)(?:[_ ]?stamps?)?)"
+    r"(?:[_ ]?(?<![a-z])(s|sec|seconds|ms|msec|us|usec|ns)"
+    r"|[_ ]?((?:milli|micro|nano)s(?:econds)?))?(?:[_ ]?\d+)?",
     re.IGNORECASE,
 )
 
 _COUNTER_NAME = re.compile(
-    r"(?:index|samples?|sample[_ ]?(?:no|number|index)|count(?:er)?|cnt|nr?|no|row|point|column_0)\.?|#|",
+    r"(?:index|samples?|sample[_ ]?(?:no|number|index)|count(?:er)?|cnt|nr?|no|row|point"
+    r"|column_0)\.?|#|",
     re.IGNORECASE,
 )
 
@@ -447,7 +450,9 @@ def _count_lost_samples(counter: Column) -> tuple[int, int] | None:
 
 
 def _unit_by_size(head: Float[np.ndarray, " time"]) -> str | None:
-    """Return the unit of times since 1970, or of days of a spreadsheet, by their size; else None."""
+    """Return the unit of times since 1970, or of days of a spreadsheet, by their size; else
+    None.
+    """
     for minimum, unit in _EPOCHS.items():
         if minimum <= head[0] < 10 * minimum:
             return unit

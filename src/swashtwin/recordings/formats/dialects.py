@@ -28,8 +28,27 @@ NUMBER = {
     ),
 }
 """A number with each decimal mark."""
-MISSING = ("", "N/A", "n/a", "#N/A", "NA", "null", "NULL", "None", "-", "--", "---", "?",
-           "-nan(ind)", "nan(ind)", "-1.#IND", "1.#QNAN", "#NUM!", "#DIV/0!", "#VALUE!")  # fmt: skip
+MISSING = (
+    "",
+    "N/A",
+    "n/a",
+    "#N/A",
+    "NA",
+    "null",
+    "NULL",
+    "None",
+    "-",
+    "--",
+    "---",
+    "?",
+    "-nan(ind)",
+    "nan(ind)",
+    "-1.#IND",
+    "1.#QNAN",
+    "#NUM!",
+    "#DIV/0!",
+    "#VALUE!",
+)
 """What programs write for a missing sample."""
 _GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") for mark in ".,"}
 THOUSANDS = re.compile(r"[+-]?\d{1,3}([. ']\d{3})+(,\d+)?|[+-]?\d{1,3}([, ']\d{3})+(\.\d+)?")

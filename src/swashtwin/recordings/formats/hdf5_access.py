@@ -1,4 +1,6 @@
-"""Opening HDF5 files whose samples are sound and local, and writing files that survive a full disk."""
+"""Opening HDF5 files whose samples are sound and local, and writing files that survive a full
+disk.
+"""
 
 from collections.abc import Callable
 from math import prod

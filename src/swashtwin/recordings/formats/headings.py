@@ -32,7 +32,8 @@ BARE_RATE = re.compile(r"rate|freq\w*", re.IGNORECASE)
 _MIN_BARE_RATE_HZ = 200.0
 
 _STEP_NAME = re.compile(
-    r"(?:delta|[\u03b4\u2206])[ _]?[tx]|dt|ts|(?:t|(?:sampl\w*|time)[ _-]?)(?:interval|period|step|increment|time)"
+    r"(?:delta|[\u03b4\u2206])[ _]?[tx]|dt|ts"
+    r"|(?:t|(?:sampl\w*|time)[ _-]?)(?:interval|period|step|increment|time)"
     r"|(?:wf_)?increment|h[ _-]?resolution",
     re.IGNORECASE,
 )
@@ -159,7 +160,9 @@ def _header_values(text: str, unit: str, si_unit: str, is_decimal_comma: bool) -
 
 
 def header_units(pairs: Iterable[tuple[str, str]], count: int) -> Sequence[str | None]:
-    """Return the unit of each of `count` channels by a header line with one for each, or for all."""
+    """Return the unit of each of `count` channels by a header line with one for each, or for
+    all.
+    """
     for name, text in pairs:
         units = [recognize_unit(part) for part in re.split(r"[;\t,]", text) if part.strip()]
         if _UNITS_NAME.fullmatch(name) and units and len(units) in (1, count):

@@ -1,4 +1,6 @@
-"""The content of one file before an index adds the rest, and the options that say how to read it."""
+"""The content of one file before an index adds the rest, and the options that say how to read
+it.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

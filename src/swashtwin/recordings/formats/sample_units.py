@@ -5,28 +5,113 @@ from swashtwin.foundation import UnitError, is_unit, parse_quantity
 # m/s^2 per common unit: most files are read without loading the registry of units (0.3 s).
 _COMMON_FACTORS = {"m/s^2": 1.0, "g": 9.80665}
 
-# fmt: off
 # Spelling used here of units as people write them, in small letters.
 _SPELLINGS = {
-    "g's": "g", "gs": "g", "g_n": "g", "gn": "g", "volts": "V", "volt": "V", "amps": "A", "amp": "A", "ms-2": "m/s^2",
-    "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/sec^2": "m/s^2", "m/sec2": "m/s^2", "m*s^-2": "m/s^2", "m s-2": "m/s^2",
-    "m.s-2": "m/s^2", "m/(s^2)": "m/s^2", "ms^-2": "m/s^2", "m/s**2": "m/s^2", "mm/s2": "mm/s^2",
-    "deg c": "degC", "°c": "degC", "celsius": "degC",
-    "1/min": "rpm", "u/min": "rpm", "min-1": "rpm", "r/min": "rpm", "rev/min": "rpm", "upm": "rpm",
-    "sec": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millis": "ms", "milliseconds": "ms",
-    "usec": "us", "micros": "us", "microseconds": "us", "nsec": "ns", "nanos": "ns", "nanoseconds": "ns", "hours": "h",
-    "minutes": "min", "days": "d", "s/s": "Hz", "sa/s": "Hz", "sps": "Hz", "samples/s": "Hz", "samples/second": "Hz",
-    "1/s": "Hz", "hertz": "Hz", "ks/s": "kHz", "ksa/s": "kHz", "ksps": "kHz", "ms/s": "MHz", "msa/s": "MHz",
+    "g's": "g",
+    "gs": "g",
+    "g_n": "g",
+    "gn": "g",
+    "volts": "V",
+    "volt": "V",
+    "amps": "A",
+    "amp": "A",
+    "ms-2": "m/s^2",
+    "m/s2": "m/s^2",
+    "m/s/s": "m/s^2",
+    "m/sec^2": "m/s^2",
+    "m/sec2": "m/s^2",
+    "m*s^-2": "m/s^2",
+    "m s-2": "m/s^2",
+    "m.s-2": "m/s^2",
+    "m/(s^2)": "m/s^2",
+    "ms^-2": "m/s^2",
+    "m/s**2": "m/s^2",
+    "mm/s2": "mm/s^2",
+    "deg c": "degC",
+    "°c": "degC",
+    "celsius": "degC",
+    "1/min": "rpm",
+    "u/min": "rpm",
+    "min-1": "rpm",
+    "r/min": "rpm",
+    "rev/min": "rpm",
+    "upm": "rpm",
+    "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "sek": "s",
+    "msec": "ms",
+    "millis": "ms",
+    "milliseconds": "ms",
+    "usec": "us",
+    "micros": "us",
+    "microseconds": "us",
+    "nsec": "ns",
+    "nanos": "ns",
+    "nanoseconds": "ns",
+    "hours": "h",
+    "minutes": "min",
+    "days": "d",
+    "s/s": "Hz",
+    "sa/s": "Hz",
+    "sps": "Hz",
+    "samples/s": "Hz",
+    "samples/second": "Hz",
+    "1/s": "Hz",
+    "hertz": "Hz",
+    "ks/s": "kHz",
+    "ksa/s": "kHz",
+    "ksps": "kHz",
+    "ms/s": "MHz",
+    "msa/s": "MHz",
 } | {
-    unit.lower(): unit for unit in ("g", "s", "ms", "us", "ns", "m/s^2", "mm/s^2", "V", "mV", "bar", "Hz", "kHz", "rpm")
+    unit.lower(): unit
+    for unit in (
+        "g",
+        "s",
+        "ms",
+        "us",
+        "ns",
+        "m/s^2",
+        "mm/s^2",
+        "V",
+        "mV",
+        "bar",
+        "Hz",
+        "kHz",
+        "rpm",
+    )
 }
 
-# fmt: on
-
 SAMPLE_UNITS = (
-    "m/s^2", "g", "mg", "mm/s^2", "m/s", "mm/s", "um/s", "mm", "um", "Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi",
-    "V", "mV", "A", "mA", "N", "kN", "N*m", "rpm", "Hz", "degC", "1",
-)  # fmt: skip
+    "m/s^2",
+    "g",
+    "mg",
+    "mm/s^2",
+    "m/s",
+    "mm/s",
+    "um/s",
+    "mm",
+    "um",
+    "Pa",
+    "hPa",
+    "kPa",
+    "MPa",
+    "mbar",
+    "bar",
+    "psi",
+    "V",
+    "mV",
+    "A",
+    "mA",
+    "N",
+    "kN",
+    "N*m",
+    "rpm",
+    "Hz",
+    "degC",
+    "1",
+)
 """Units that an option may name for samples; 1 is a plain number."""
 
 
@@ -73,7 +158,8 @@ def acceleration_factor(unit: str) -> float | None:
         if is_unit(unit.strip()):
             return None
         raise UnitError(
-            f'Unknown unit = "{unit}": use for example "g", "m/s^2", "Pa", or "1" for a plain number.'
+            f'Unknown unit = "{unit}": use for example "g", "m/s^2", "Pa", or "1" for a plain '
+            "number."
         ) from cause
 
 

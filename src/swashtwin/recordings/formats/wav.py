@@ -41,7 +41,9 @@ _HEAD_BYTES = 1 << 16
 
 
 def read(path: Path, options: ReadOptions) -> RawFile:
-    """Return the channels of a WAV file; integers are shares of full scale without a sensitivity."""
+    """Return the channels of a WAV file; integers are shares of full scale without a
+    sensitivity.
+    """
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     sound = _open_sound(path, head)

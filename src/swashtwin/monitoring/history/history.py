@@ -140,7 +140,7 @@ def record_event(
     with history.machine(machine) as transaction:
         if finding:
             transaction.record_finding(finding, who)
-            note = "; ".join(filter(None, (f"finding: {finding}", note)))
+            note = "; ".join(filter(None, (f"found: {finding}", note)))
         if not maintenance:
             return transaction.add_event("note", who, note)
 

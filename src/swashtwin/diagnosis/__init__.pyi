@@ -8,11 +8,11 @@ from .changed_bands import BandPowerChange as BandPowerChange
 from .changed_bands import band_power_changes as band_power_changes
 from .classifier_file import load_classifier as load_classifier
 from .classifier_file import save_classifier as save_classifier
-from .estimator import load_model as load_model
 from .evidence import Evidence as Evidence
 from .evidence import explain as explain
 from .fault_classifier import FaultClassifier as FaultClassifier
 from .healthy_spectrum import HealthySpectrum as HealthySpectrum
+from .model_loading import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
 from .prior_classifier import PriorClassifier as PriorClassifier
 from .prior_classifier import make_prior as make_prior

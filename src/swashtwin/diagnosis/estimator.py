@@ -1,19 +1,13 @@
-"""What models of every kind share: scikit-learn's conventions, and a saved file."""
+"""What models of every kind share: scikit-learn's conventions."""
 
 import inspect
 from collections.abc import Mapping
 from functools import cache
 from numbers import Integral, Real
-from pathlib import Path
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Any, get_args, get_origin
+from typing import Any, get_args, get_origin
 
-from swashtwin.foundation import InputError, artifact_kind, as_path
-
-if TYPE_CHECKING:
-    from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
-    from swashtwin.diagnosis.fault_classifier import FaultClassifier
-    from swashtwin.diagnosis.prior_classifier import PriorClassifier
+from swashtwin.foundation import InputError
 
 # Type that an annotation accepts, so that NumPy's numbers pass, and its description.
 _ACCEPTED_TYPES = {
@@ -111,34 +105,3 @@ class Estimator:
             from sklearn.exceptions import NotFittedError
 
             raise NotFittedError(f"This {type(self).__name__} is not trained yet; call fit first.")
-
-
-def load_model(path: Path | str) -> "FaultClassifier | AnomalyDetector | PriorClassifier":
-    """Return the model in a file, or the shipped prior of a design, such as ``"25scy14-1b"``.
-
-    Raises
-    ------
-    MissingFileError
-        The file does not exist.
-    InputError
-        No prior of this design is shipped.
-    ArtifactError
-        The file is damaged, edited, not a model, of another version, or its network is not
-        registered.
-    """
-    kind = artifact_kind(as_path(path))
-
-    # A kind of model is imported when one is loaded: they need different parts of the package.
-    if kind == "anomaly detector":
-        from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
-
-        return AnomalyDetector.load(path)
-
-    if kind == "prior classifier" or not Path(path).suffix:
-        from swashtwin.diagnosis.prior_classifier import PriorClassifier
-
-        return PriorClassifier.load(path)
-
-    from swashtwin.diagnosis.fault_classifier import FaultClassifier
-
-    return FaultClassifier.load(path)

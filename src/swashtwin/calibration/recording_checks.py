@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, propose_setting
 from swashtwin.recordings import Recording, count_clipped_samples
 from swashtwin.signals import OrderSpectrum, order_spectrum
 
@@ -43,7 +43,7 @@ def require_one_machine(recordings: Iterable[Recording], result: str) -> None:
             f"Recordings of {len(specimens)} machines ({', '.join(specimens[:4])}): {result} "
             "belongs to one pump.",
             field="specimen",
-            remedy=f"Select its recordings, such as {{specimen={specimens[0]!r}}}.",
+            remedy=f"Select its recordings, such as {propose_setting('specimen', specimens[0])}.",
         )
 
 

@@ -36,7 +36,7 @@ from swashtwin.recordings import (
     summarize_recordings,
 )
 
-_VERSION = 2
+_VERSION = 3
 _MAY_BE_NAN = ("healthy.speed", "healthy.pressure")
 _MAX_NAMED_OUTLIERS = 6
 _MAX_OUTLIER_CAUSES = 2

@@ -65,9 +65,10 @@ def diagnose(
 ) -> Diagnosis:
     """Return the class of a recording, labeled or not, from windows without overlap.
 
-    A recording that was loaded from its file is never in memory as a whole. A recording has no
-    verdict (`Diagnosis.no_verdict` gives the reason) if it cannot be used (NaN, a dead channel, too
-    short, a damaged file), or if the answer is not finite, as for a sample of 1e20.
+    A long recording that was loaded from its file is never in memory as a whole
+    (`Recording.loaded`). A recording has no verdict (`Diagnosis.no_verdict` gives the reason) if it
+    cannot be used (NaN, a dead channel, too short, a damaged file), or if the answer is not finite,
+    as for a sample of 1e20.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from jaxtyping import Float, Float64
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.recording_arguments import as_recordings, relabel_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
-from swashtwin.foundation import DataError, InputError, plural
+from swashtwin.foundation import DataError, InputError, plural, propose_setting
 from swashtwin.learning import WindowSet
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import Recording
@@ -189,8 +189,8 @@ def _missing_classes(
                 f"were not trained; it knows {', '.join(prior_faults)}.",
                 field="prior",
                 remedy=(
-                    f"State the fault of a class, such as {{fault_of='{name}=piston'}}, or leave "
-                    "{prior} out."
+                    f"Specify the fault of a class, such as "
+                    f"{propose_setting('fault_of', f'{name}=piston')}, or omit {{prior}}."
                 ),
             )
         trained_faults.add(fault)

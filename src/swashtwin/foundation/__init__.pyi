@@ -8,6 +8,7 @@ from .artifacts import translate_load_errors as translate_load_errors
 from .artifacts import write_artifact as write_artifact
 from .atomic_files import TEXT as TEXT
 from .atomic_files import atomic_write as atomic_write
+from .atomic_files import hold_lock as hold_lock
 from .atomic_files import write_text as write_text
 from .child_processes import ChildDiedError as ChildDiedError
 from .child_processes import ChildProcess as ChildProcess
@@ -26,6 +27,7 @@ from .errors import Spelling as Spelling
 from .errors import StabilityError as StabilityError
 from .errors import SwashTwinError as SwashTwinError
 from .errors import UnitError as UnitError
+from .errors import propose_setting as propose_setting
 from .errors import render_settings as render_settings
 from .errors import spell_for_index as spell_for_index
 from .errors import spell_for_python as spell_for_python

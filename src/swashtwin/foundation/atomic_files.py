@@ -6,6 +6,7 @@ the process ends, however it ends. A hidden file whose lock is free therefore be
 process, and the next process that writes into the folder removes it.
 """
 
+import errno
 import re
 import secrets
 import shutil
@@ -21,6 +22,14 @@ TEXT: Final[dict[str, Any]] = {"encoding": "utf-8", "errors": "backslashreplace"
 """Arguments of `open` for writing text, the same on every system. File names that are not valid
 Unicode are written with backslashes."""
 
+NO_LOCKS_ERRNOS = frozenset(
+    number
+    for name in ("ENOLCK", "EOPNOTSUPP", "ENOTSUP", "ENOSYS", "EIO")
+    if (number := getattr(errno, name, None)) is not None
+)
+"""Errors of a file system without locks, such as some network drives; a file is then written
+without one, as it was asked to be."""
+
 HIDDEN_PREFIX = ".swashtwin-"
 """Prefix of the name of a file that is being written."""
 HIDDEN_NAME = re.compile(re.escape(HIDDEN_PREFIX) + r"[0-9a-f]{12}(?=\.)")
@@ -31,6 +40,23 @@ _IS_WINDOWS = sys.platform == "win32"
 # Delays between attempts to replace a file, since a virus scanner or an indexer of Windows may hold
 # the target for a moment.
 _REPLACE_DELAYS_S = (0.05, 0.2, 0.5, 1.0)
+
+
+@contextmanager
+def hold_lock(lock_path: Path, *, poll_interval_s: float = 0.05) -> Iterator[None]:
+    """Wait for a lock file and hold it; a file system without locks is used without."""
+    from filelock import FileLock
+
+    lock = FileLock(lock_path)
+    try:
+        lock.acquire(poll_interval=poll_interval_s)
+    except OSError as cause:
+        if cause.errno not in NO_LOCKS_ERRNOS:
+            raise
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 @contextmanager
@@ -73,6 +99,11 @@ def _locked_name(folder: Path) -> Iterator[str]:
             lock.acquire()
         except Timeout:
             continue
+        except OSError as cause:
+            if cause.errno not in NO_LOCKS_ERRNOS:
+                raise
+            # Leftovers of killed processes stay on such a file system: none looks free.
+            lock_path.touch()
 
         try:
             # Another process may have removed the file as a leftover before it was locked.

@@ -66,6 +66,22 @@ def render_settings(text: str, spelling: Spelling = spell_for_python) -> str:
     return _SETTING.sub(spelled, text)
 
 
+def propose_setting(name: str, value: str) -> str:
+    """Return a setting in braces with a proposed value, for a remedy.
+
+    A value from a file may hold braces or quotes, which would be read as a setting: then the
+    setting is named without a value.
+
+    Examples
+    --------
+    >>> propose_setting("specimen", "A"), propose_setting("specimen", "{label}")
+    ("{specimen='A'}", '{specimen}')
+    """
+    if re.search(r"[{}']", value):
+        return f"{{{name}}}"
+    return f"{{{name}='{value}'}}"
+
+
 class SwashTwinError(Exception):
     """Base of every error that swashtwin raises on purpose.
 

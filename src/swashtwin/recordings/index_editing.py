@@ -7,7 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, InputError, parse_quantity, read_text, write_text
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    hold_lock,
+    parse_quantity,
+    read_text,
+    write_text,
+)
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.index_reading import read_index
 from swashtwin.recordings.index_writing import save_index
@@ -54,11 +61,9 @@ def change_facts(
     DataError, UnitError
         A value is invalid.
     """
-    from filelock import FileLock  # 50 ms, only for edits
-
     # The index itself is replaced when it is written, so it cannot be what is locked.
     lock_path = path.with_name(f".{path.name}.lock")
-    with FileLock(lock_path, poll_interval=_LOCK_POLL_INTERVAL_S):
+    with hold_lock(lock_path, poll_interval_s=_LOCK_POLL_INTERVAL_S):
         text = _read_if_exists(path)
         is_new = text is None and proposed is not None
         table = dict(proposed or {}) if is_new else read_index(path)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
-from swashtwin.foundation import DataError, UnitError, parse_quantity
+from swashtwin.foundation import DataError, UnitError, parse_quantity, propose_setting
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.sample_units import (
     acceleration_factor,
@@ -365,7 +365,8 @@ def _resolve_unit(in_file: str | None, specified: str | None, name: str, source_
 
     is_voltage_of_acceleration = specified_factor is not None and re.fullmatch(_ELECTRIC, in_file)
     if in_file == "1":
-        remedy = f"Remove {{unit}}, or set its scale: {{sensitivity='1 {specified}'}}."
+        scale = propose_setting("sensitivity", f"1 {specified}")
+        remedy = f"Remove {{unit}}, or set its scale: {scale}."
     elif is_voltage_of_acceleration:
         remedy = "Remove {unit}, or set its scale: {sensitivity='100 mV/g'}."
     else:

@@ -115,3 +115,17 @@ def test_what_is_no_http_is_refused_and_the_next_request_answered(port: int) -> 
         answer = _answer(connection)
         assert b" 200 " in answer[:20]
         assert b"server:" not in answer.lower()
+
+
+def test_an_invalid_body_writes_no_traceback_into_the_log(
+    port: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    request = (
+        b"POST /login HTTP/1.1\r\nHost: 127.0.0.1\r\nTransfer-Encoding: chunked\r\n"
+        b"Content-Type: application/x-www-form-urlencoded\r\n\r\nzz\r\n"
+    )
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.sendall(request)
+        assert b" 400 " in _answer(connection)[:20]
+
+    assert "Traceback" not in caplog.text

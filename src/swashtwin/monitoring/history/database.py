@@ -22,7 +22,7 @@ from swashtwin.monitoring.history.schema import Machine, Row, Version
 
 SQLITE_FILE = "history.sqlite"
 """Name of the SQLite database in the watch's folder."""
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Version of the tables."""
 LOCK_TIMEOUT_S = 30
 """Time that a transaction waits for another one, and for a connection."""

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 
 import uvicorn
 from fastapi import FastAPI
+from h11 import LocalProtocolError
 
 from swashtwin.foundation import InputError
 
@@ -60,12 +61,12 @@ def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
         access_log=False,
         server_header=False,
         proxy_headers=False,  # the page reads X-Forwarded-For itself, and from its proxy only
-        limit_concurrency=MAX_CONNECTIONS,
+        limit_concurrency=MAX_CONNECTIONS + 1,  # uvicorn counts the connection that asks
         timeout_keep_alive=KEEP_ALIVE_S,
         timeout_graceful_shutdown=_END_TIMEOUT_S,
         h11_max_incomplete_event_size=MAX_HEADER_BYTES,
     )
-    logging.getLogger("uvicorn.error").addFilter(_is_not_a_cancellation)
+    logging.getLogger("uvicorn.error").addFilter(_is_fault_of_page)
 
     server = uvicorn.Server(configuration)
     thread = threading.Thread(target=server.run, args=([listener],), name="page", daemon=True)
@@ -101,8 +102,13 @@ def _listen(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _is_not_a_cancellation(record: logging.LogRecord) -> bool:
-    """Return whether a log record is not just about a request that the end of the watch ended."""
-    if record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError):
+def _is_fault_of_page(record: logging.LogRecord) -> bool:
+    """Return whether a log record is about a fault of the page.
+
+    It is not if the end of the watch ended a request, or if a client sent an invalid body: a
+    stranger could fill the log with tracebacks.
+    """
+    harmless = (asyncio.CancelledError, LocalProtocolError)
+    if record.exc_info and isinstance(record.exc_info[1], harmless):
         return False
     return not str(record.msg).startswith("Cancel ")

@@ -22,9 +22,15 @@ from typing import Literal
 import msgspec
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
-from filelock import FileLock
 
-from swashtwin.foundation import DataError, InputError, MissingFileError, from_table, to_table
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    MissingFileError,
+    from_table,
+    hold_lock,
+    to_table,
+)
 
 MIN_PASSWORD_LENGTH = 10
 """Minimum length of a password, in characters."""
@@ -220,7 +226,7 @@ def _editing(path: Path) -> Iterator[list[Entry]]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     lock_path = path.with_name(f".{path.name}.lock")
-    with FileLock(lock_path):
+    with hold_lock(lock_path):
         _give_to_owner(lock_path, path)
         entries: list[Entry] = []
         if path.exists():

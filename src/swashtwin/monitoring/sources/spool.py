@@ -205,6 +205,11 @@ def lock_folder(folder: Path) -> Iterator[None]:
             'there). Stop that watch, or set another folder = "..." in the configuration of this '
             "one."
         ) from None
+    except OSError as cause:
+        raise InputError(
+            f"{folder} cannot be locked ({cause.strerror}). Set a folder on a local disk: "
+            'folder = "..." in the configuration.'
+        ) from cause
 
     with lock:
         process_file.write_text(f"{os.getpid()}\n", encoding="utf-8")

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, propose_setting
 from swashtwin.recordings.columns import Column, slice_column
 from swashtwin.recordings.formats.headings import split_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
@@ -202,7 +202,7 @@ def require_one_rate(
             f"{path} states two sample rates for {name}: {file_rate:g} Hz, and {clock_rate:g} Hz "
             f"by the times in {clock_name}.",
             field="time_column",
-            remedy=f"Set {{time_column='{clock_name}'}} if the times are right, "
+            remedy=f"Set {propose_setting('time_column', clock_name)} if the times are right, "
             "or correct the file.",
         )
 

@@ -1,6 +1,4 @@
-"""A report is one page that needs nothing else, says what came out whichever way it went, and is
-written whole.
-"""
+"""A report is one self-contained page, states bad results as well as good ones, and is complete."""
 
 import csv
 import json
@@ -75,7 +73,7 @@ def page(folder) -> str:
 
 
 def plain(page: str) -> str:
-    """The page without the buttons that explain words."""
+    """Return the page without the buttons that explain terms."""
     return re.sub(r'<button class="term"[^>]*>(.*?)</button>', r"\1", page)
 
 
@@ -89,13 +87,13 @@ def numbers(path: Path, name: str) -> np.ndarray:
     return np.array([float(text) for text in columns(path)[name]])
 
 
-def test_the_page_asks_for_no_other_file_and_no_network(page):
-    assert not any(words in page for words in ("<script", "<link", "@import", "<img"))
+def test_the_page_requests_no_other_file_and_no_network(page):
+    assert not any(markup in page for markup in ("<script", "<link", "@import", "<img"))
     assert re.findall(r'href="(?!#|data:text/csv;)[^"]*"', page) == []
+
     page = re.sub(r'href="data:text/csv;charset=utf-8;base64,[A-Za-z0-9+/=]*"', "", page)
-    references = re.findall(r'(?:src|href|data|action)="([^"]*)"', page) + re.findall(
-        r"url\(([^)]*)\)", page
-    )
+    references = re.findall(r'(?:src|href|data|action)="([^"]*)"', page)
+    references += re.findall(r"url\(([^)]*)\)", page)
     assert references
     assert all(reference.startswith("#") for reference in references)
 
@@ -103,19 +101,20 @@ def test_the_page_asks_for_no_other_file_and_no_network(page):
 def test_every_reference_within_the_page_has_one_target(page):
     ids = Counter(re.findall(r'\bid="([^"]+)"', page))
     assert [name for name, count in ids.items() if count > 1] == []
-    used = re.findall(r'href="#([^"]+)"', page) + re.findall(r"url\(#([^)]+)\)", page)
-    assert [name for name in used if name not in ids] == []
+
+    references = re.findall(r'href="#([^"]+)"', page) + re.findall(r"url\(#([^)]+)\)", page)
+    assert [name for name in references if name not in ids] == []
 
 
-def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, page):
+def test_every_figure_is_on_the_page_and_in_the_folder_with_its_data(folder, page):
     names = json.loads((folder / "results.json").read_text())["figures"]
+
     assert len(names) == len(set(names)) == page.count("<figure>") == page.count("</svg>")
-    names_on_disk = sorted(path.name for path in (folder / "figures").iterdir())
-    assert names_on_disk == sorted(
-        f"{name}{suffix}" for name in names for suffix in (".csv", ".svg")
-    )
+    names_on_disk = {path.name for path in (folder / "figures").iterdir()}
+    assert names_on_disk == {f"{name}.csv" for name in names} | {f"{name}.svg" for name in names}
+
     kinds = {name.rsplit("_", 1)[-1] for name in names}
-    expected = {
+    calibration_and_training = {
         "excitation",
         "waveforms",
         "spectra",
@@ -125,68 +124,66 @@ def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, pag
         "tsne",
         "training",
     }
-    assert kinds == expected | {"rows"}
+    assert kinds == calibration_and_training | {"rows"}
 
 
 def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibration):
-    first = folder / "figures" / "study_calibration_1_"
-    spectra, history = calibration.fits[0].spectra, calibration.history
+    def calibration_numbers(figure: str, column: str) -> np.ndarray:
+        return numbers(folder / "figures" / f"study_calibration_1_{figure}.csv", column)
+
+    spectra = calibration.fits[0].spectra
     for name in ("measured", "deviation", "nominal", "calibrated"):
         np.testing.assert_array_equal(
-            numbers(Path(f"{first}spectra.csv"), name), getattr(spectra, name).ravel()
+            calibration_numbers("spectra", name), getattr(spectra, name).ravel()
         )
-    waveform = numbers(Path(f"{first}waveforms.csv"), f"{spectra.channels[1]}_calibrated")
+
+    waveform = calibration_numbers("waveforms", f"{spectra.channels[1]}_calibrated")
     np.testing.assert_array_equal(waveform, calibration.fits[0].waveforms.calibrated[1])
-    values = numbers(Path(f"{first}estimates.csv"), "value")
+
+    values = calibration_numbers("estimates", "value")
     np.testing.assert_array_equal(values, [estimate.value for estimate in calibration.estimates])
-    np.testing.assert_array_equal(
-        numbers(Path(f"{first}search.csv"), "spectrum"), history.spectrum_loss
+
+    history = calibration.history
+    np.testing.assert_array_equal(calibration_numbers("search", "spectrum"), history.spectrum_loss)
+    np.testing.assert_array_equal(calibration_numbers("search", "K_v"), history.values[:, 3])
+
+    total = calibration_numbers("excitation", "total_m")
+    sum_of_slippers = sum(
+        calibration_numbers("excitation", f"slipper_{slipper}_m") for slipper in range(1, 8)
     )
-    np.testing.assert_array_equal(numbers(Path(f"{first}search.csv"), "K_v"), history.values[:, 3])
-    total = numbers(Path(f"{first}excitation.csv"), "total_m")
-    each = sum(numbers(Path(f"{first}excitation.csv"), f"slipper_{j}_m") for j in range(1, 8))
-    np.testing.assert_allclose(total, each, atol=1e-15)
+    np.testing.assert_allclose(total, sum_of_slippers, atol=1e-15)
+
     bars = columns(folder / "figures" / "study_rows.csv")
-    accuracy = [
-        float(v) for m, v in zip(bars["metric"], bars["value"], strict=True) if m == "accuracy"
+    accuracies = [
+        float(value)
+        for metric, value in zip(bars["metric"], bars["value"], strict=True)
+        if metric == "accuracy"
     ]
-    assert sorted(accuracy) == sorted(row["accuracy"] for _, row in study.tests())
+    assert sorted(accuracies) == sorted(row["accuracy"] for _, row in study.tests())
 
 
 def test_the_same_results_give_the_same_figures_bit_for_bit(folder, study, tmp_path):
+
     write_study_report(replace(study, calibrations=study.calibrations[:1]), folder=tmp_path)
     for path in (tmp_path / "figures").iterdir():
-        earlier = (
-            folder / "figures" / path.name.replace("study_calibration_", "study_calibration_1_")
-        )
-        assert path.read_bytes() == earlier.read_bytes(), path.name
+        # a study of one calibration does not number it
+        name = path.name.replace("study_calibration_", "study_calibration_1_")
+        assert path.read_bytes() == (folder / "figures" / name).read_bytes(), path.name
 
 
-def test_the_answer_of_a_calibration_names_each_operating_point_and_what_became_worse(calibration):
+def test_the_summary_of_a_calibration_names_each_operating_point_and_what_became_worse(calibration):
     fit = calibration.fits[0]
     at_10 = replace(fit, condition=OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10)))
-    assert "(860 rev/min, 10 and 15 MPa, " in " ".join(
-        summarize_calibration(replace(calibration, fits=(at_10, fit)))
-    )
-    worse = replace(calibration.nominal_agreement, rmse=2 * calibration.nominal_agreement.rmse)
-    answer = " ".join(
-        summarize_calibration(
-            replace(
-                calibration,
-                fits=(
-                    replace(
-                        fit,
-                        nominal_agreement=calibration.nominal_agreement,
-                        calibrated_agreement=worse,
-                    ),
-                ),
-            )
-        )
-    )
-    assert all(
-        words in answer
-        for words in ("(RMSE) ROSE from", "(SVE) stayed", "neither number is a test")
-    )
+    summary = " ".join(summarize_calibration(replace(calibration, fits=(at_10, fit))))
+    assert "(860 rev/min, 10 and 15 MPa, " in summary
+
+    nominal = calibration.nominal_agreement
+    worse = replace(nominal, rmse=2 * nominal.rmse)
+    worse_fit = replace(fit, nominal_agreement=nominal, calibrated_agreement=worse)
+    summary = " ".join(summarize_calibration(replace(calibration, fits=(worse_fit,))))
+    assert "(RMSE) ROSE from" in summary
+    assert "(SVE) stayed" in summary
+    assert "neither number is a test" in summary
 
 
 def test_each_combination_of_values_has_the_sign_of_its_greatest_weight(calibration):
@@ -194,11 +191,10 @@ def test_each_combination_of_values_has_the_sign_of_its_greatest_weight(calibrat
         assert max(map(float, weights), key=abs) > 0
 
 
-def test_the_page_of_a_calibration_states_whose_recordings_it_used(calibration):
+def test_the_page_of_a_calibration_states_which_recordings_it_used(calibration):
     samples = np.random.default_rng(0).normal(size=(1, 64))
-    page = render_page(
-        calibration, recordings=[Recording(samples, 10.0, "a", attributes={"file": "a.h5"})]
-    )
+    recording = Recording(samples, 10.0, "a", attributes={"file": "a.h5"})
+    page = render_page(calibration, recordings=[recording])
     assert "<dt>File</dt> <dd>a.h5</dd>" in page
     assert "they stand in for a machine" in page
     assert not build_part(replace(calibration, origin=""), key="twin").notice
@@ -206,12 +202,13 @@ def test_the_page_of_a_calibration_states_whose_recordings_it_used(calibration):
 
 def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_path):
     channels = ("<i>cover</i>", *calibration.fits[0].spectra.channels[1:])
-    fit = replace(
-        calibration.fits[0], spectra=replace(calibration.fits[0].spectra, channels=channels)
+    spectra = replace(calibration.fits[0].spectra, channels=channels)
+    hostile_calibration = replace(
+        calibration, fits=(replace(calibration.fits[0], spectra=spectra),)
     )
-    page = write_report(diagnosis, replace(calibration, fits=(fit,)), folder=tmp_path).read_text(
-        encoding="utf-8"
-    )
+    page_file = write_report(diagnosis, hostile_calibration, folder=tmp_path)
+    page = page_file.read_text(encoding="utf-8")
+
     for markup in ("<b>pump", "<script", "<i>cover"):
         assert markup not in page
     assert "&lt;b&gt;pump&lt;/b&gt; &amp; &#34;7&#34; $x$ 振动" in page
@@ -220,15 +217,17 @@ def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_
 
 def test_a_report_of_control_characters_is_well_formed(diagnosis, tmp_path):
     hostile = "a\x00\x1b]0;x\x07\x9b\u202e\ud800\uffff\nb"
+
     probabilities = {"normal": 0.1, hostile: 0.9}
-    named = replace(
+    hostile_diagnosis = replace(
         diagnosis,
         recording_id=hostile,
         label=hostile,
         probabilities=probabilities,
         window_labels=(hostile, "normal"),
     )
-    page = write_report(named, folder=tmp_path).read_text(encoding="utf-8")
+
+    page = write_report(hostile_diagnosis, folder=tmp_path).read_text(encoding="utf-8")
     for figure in (tmp_path / "figures").glob("*.svg"):
         ElementTree.fromstring(figure.read_bytes())
     assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\ufffe\uffff]", page)
@@ -241,35 +240,37 @@ def test_a_diagnosis_alone_makes_a_report(diagnosis, tmp_path):
     assert "Of 2 classes this one has a score of 90 %" in plain(page)
     assert "What was not checked" in page
     assert "Suspected fault: piston" in page
+
     results = json.loads((tmp_path / "deep" / "report" / "results.json").read_text())
     assert results["diagnoses"] == json.loads(json.dumps([diagnosis.to_dict()]))
 
 
-def test_a_number_that_cannot_be_is_a_dash_with_its_reason(tmp_path):
+def test_an_undefined_number_is_a_dash_with_its_reason(tmp_path):
     scores = scored(0.7, labels=("normal", "piston"), split=None)
     page = write_report(scores, folder=tmp_path).read_text(encoding="utf-8")
     reason = "no test window of swash plate, cylinder block, valve plate"
     assert f'<td title="{reason}">—</td>' in page
     assert f"<li>G-mean (of all declared classes): {reason}</li>" in plain(page)
     assert re.search(rf'<td title="{reason}">0\.\d+ \*</td>', page)
-    assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL).lower().replace(
-        "nano", ""
-    )
+
+    text = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL).lower()
+    assert "nan" not in text.replace("nano", "")
     assert json.loads((tmp_path / "results.json").read_text())["scores"][0]["g_mean"] is None
 
 
-def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
-    runs = [
-        {**r, "rows": [{**row, "scarce_recall": math.nan} for row in r["rows"]]}
-        for r in study.runs[:4]
-    ]
-    without = build_study(build_plan("case1"), runs)
-    page = write_study_report(without, folder=tmp_path).read_text(encoding="utf-8")
+def test_a_missing_scarce_cell_is_reported_with_its_reason(study, tmp_path):
+    runs = []
+    for study_run in study.runs[:4]:
+        rows = [{**row, "scarce_recall": math.nan} for row in study_run["rows"]]
+        runs.append({**study_run, "rows": rows})
+    study_without_scarce_cell = build_study(build_plan("case1"), runs)
+    page_file = write_study_report(study_without_scarce_cell, folder=tmp_path)
+    page = page_file.read_text(encoding="utf-8")
     assert '<td title="no test window in the scarce cell">—</td>' in page
     assert "L4, recall in the scarce cell: no test window in the scarce cell" in page
 
 
-def test_results_are_json_that_any_reader_takes(folder):
+def test_results_are_standard_json_without_nan_or_infinity(folder):
     def refuse(constant: str) -> None:
         raise AssertionError(constant)
 
@@ -278,7 +279,7 @@ def test_results_are_json_that_any_reader_takes(folder):
     assert len(results["calibrations"]) == 2
 
 
-def test_the_page_of_a_study_says_where_its_recordings_come_from_and_what_its_levels_mean(page):
+def test_the_page_of_a_study_states_the_origin_of_its_recordings_and_explains_its_splits(page):
     assert page.index('class="notice"') < page.index(ORIGIN) < page.index("<h2>")
     for split in ("L2", "L4"):
         assert re.search(rf'<th scope="row">{split}</th>\s*<td>{SPLITS[split]}</td>', page)
@@ -286,56 +287,67 @@ def test_the_page_of_a_study_says_where_its_recordings_come_from_and_what_its_le
     assert page.count("was calibrated at 10 MPa and simulated at 15 MPa") == 1
 
 
-def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page):
+def test_the_papers_figures_are_compared_with_the_networks_l2_rows_only(page):
     rows = re.findall(r'<th scope="row">(L\d, [^<]*)</th>(.*?)</tr>', page, flags=re.DOTALL)
-    beside = {name for name, cells in rows if "accuracy 0.812" in cells or "G-mean 0.9748" in cells}
-    assert beside == {
+    compared_rows = {
+        name for name, cells in rows if "accuracy 0.812" in cells or "G-mean 0.9748" in cells
+    }
+    assert compared_rows == {
         "L2, BiTCN on spectra (ours), measured windows only",
         "L2, BiTCN on spectra (ours), with calibrated twin",
     }
-    ours = [cells for name, cells in rows if name in beside]
-    assert all("the paper&#39;s BiTCN: accuracy" in cells for cells in ours)
+
+    compared_cells = [cells for name, cells in rows if name in compared_rows]
+    assert all("the paper&#39;s BiTCN: accuracy" in cells for cells in compared_cells)
     assert "G-means have another definition" in page
 
 
 def test_items_of_one_kind_do_not_overwrite_each_other(diagnosis, tmp_path):
-    other = replace(diagnosis, label="normal", probabilities={"normal": 0.8, "piston": 0.2})
-    write_report(diagnosis, other, folder=tmp_path)
+    normal = replace(diagnosis, label="normal", probabilities={"normal": 0.8, "piston": 0.2})
+    write_report(diagnosis, normal, folder=tmp_path)
+
     assert numbers(tmp_path / "figures" / "diagnosis_1_scores.csv", "score").tolist() == [0.1, 0.9]
     assert numbers(tmp_path / "figures" / "diagnosis_2_scores.csv", "score").tolist() == [0.8, 0.2]
 
 
-def test_a_full_disk_leaves_the_old_report_and_no_debris(diagnosis, study, tmp_path, monkeypatch):
+def test_a_full_disk_leaves_the_old_report_and_no_temporary_files(
+    diagnosis, study, tmp_path, monkeypatch
+):
     write_report(diagnosis, folder=tmp_path)
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
-    write, left = Path.write_text, iter(range(3))
+    original_files = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    write = Path.write_text
+    remaining_writes = iter(range(3))
 
-    def until_full(path: Path, text: str, **options: str) -> int:
-        if next(left, None) is None:
+    def write_until_full(path: Path, text: str, **options: str) -> int:
+        if next(remaining_writes, None) is None:
             raise OSError(28, "No space left on device")
         return write(path, text, **options)
 
-    monkeypatch.setattr(Path, "write_text", until_full)
+    monkeypatch.setattr(Path, "write_text", write_until_full)
     with pytest.raises(OSError, match="No space left"):
         write_report(replace(diagnosis, label="normal"), folder=tmp_path)
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
+
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == original_files
 
 
 def test_a_users_own_figure_settings_neither_leak_in_nor_out(diagnosis, tmp_path):
-    plain = write_report(diagnosis, folder=tmp_path / "plain").read_bytes()
+    default_page = write_report(diagnosis, folder=tmp_path / "plain").read_bytes()
+
     with mpl.rc_context({"font.size": 31.0, "axes.grid": False, "svg.fonttype": "path"}):
-        assert write_report(diagnosis, folder=tmp_path / "loud").read_bytes() == plain
+        assert write_report(diagnosis, folder=tmp_path / "loud").read_bytes() == default_page
         assert mpl.rcParams["font.size"] == 31.0
         assert mpl.rcParams["svg.fonttype"] == "path"
 
 
-def test_what_cannot_be_reported_is_refused_in_one_line(diagnosis, tmp_path):
+def test_an_object_without_a_report_or_a_file_instead_of_a_folder_is_refused(diagnosis, tmp_path):
+
     with pytest.raises(InputError, match=r"No report can be made of a str: give"):
         build_part("report", key="report")
     with pytest.raises(InputError, match=r"No report can be made of a FaultLaw: give"):
         build_part(FaultLaw(SwashPlateDefect(depth=1e-4), (), {}, 1.0, ()), key="law")
     with pytest.raises(InputError, match="at least one"):
         write_report(folder=tmp_path)
+
     (tmp_path / "taken").write_text("mine")
     with pytest.raises(InputError, match="is a file; name a folder"):
         write_report(diagnosis, folder=tmp_path / "taken")

@@ -162,7 +162,7 @@ def test_the_commands_of_the_page_on_one_s_own_recordings_run(
         entry["name"]: entry["effect"]
         for entry in run_json(*shlex.split(commands[-1])[1:])["effects"]
     }
-    printed = re.findall(r"`(\w+\.\w+)`\s(\d+) %", text)
+    printed = re.findall(r"`(\w+\.\w+)` \| (\d+) %", text)
     assert printed == [
         (name, f"{100 * effects[name]:.0f}") for name in list(effects)[: len(printed)]
     ]

@@ -377,7 +377,7 @@ def test_an_inconsistent_card_is_refused_in_one_line(
 ) -> None:
     kind = st.AnomalyDetector.KIND
     path = detector.save(tmp_path / "d.safetensors")
-    card, tensors = read_artifact(path, kind, 2, advice="", may_be_nan=None)
+    card, tensors = read_artifact(path, kind, 3, advice="", may_be_nan=None)
     healthy = card["healthy"]
 
     for name, value in false_entries.items():
@@ -390,7 +390,7 @@ def test_an_inconsistent_card_is_refused_in_one_line(
         {**card, "notes": None},
     ):
         path = write_artifact(
-            tmp_path / "lie.safetensors", kind, 2, changed, tensors, may_be_nan=None
+            tmp_path / "lie.safetensors", kind, 3, changed, tensors, may_be_nan=None
         )
 
         with pytest.raises(ArtifactError) as caught:

@@ -18,7 +18,7 @@ from swashtwin.calibration import (
     calibrate,
     estimate_severity,
 )
-from swashtwin.calibration.severity.dimensions import build_fault_space
+from swashtwin.calibration.fault_dimensions import build_fault_space
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
 from swashtwin.calibration.severity.profile_likelihood import (
     ProfileProblem,

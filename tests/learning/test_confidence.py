@@ -30,8 +30,8 @@ from swashtwin.learning import (
     score_confidence,
     validation_share,
 )
+from swashtwin.learning.covariance import shrunk_covariance
 from swashtwin.learning.features import reference_features
-from swashtwin.learning.training.class_space import shrunk_covariance
 from swashtwin.learning.training.confidence import temperature_scaled
 from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.pump import OperatingCondition

@@ -1,6 +1,10 @@
 """Names that other rooms import, and where each lives."""
 
 from .calibration_notes import is_warning as is_warning
+from .fault_dimensions import Dimension as Dimension
+from .fault_dimensions import SeveritySearch as SeveritySearch
+from .fault_dimensions import get_severity_search as get_severity_search
+from .fault_dimensions import register_severity as register_severity
 from .fault_law import FaultLaw as FaultLaw
 from .fit import Agreement as Agreement
 from .fit import Fit as Fit
@@ -32,10 +36,6 @@ from .result import twin_from_dict as twin_from_dict
 from .result import twin_to_dict as twin_to_dict
 from .search import Calibrator as Calibrator
 from .search import GaussNewton as GaussNewton
-from .severity.dimensions import Dimension as Dimension
-from .severity.dimensions import SeveritySearch as SeveritySearch
-from .severity.dimensions import get_severity_search as get_severity_search
-from .severity.dimensions import register_severity as register_severity
 from .severity.law_search import identify_law as identify_law
 from .severity.severity_result import Severity as Severity
 from .severity.severity_result import SeveritySettings as SeveritySettings

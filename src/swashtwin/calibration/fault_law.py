@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from swashtwin.calibration.fault_dimensions import FaultSpace, get_severity_search
 from swashtwin.calibration.posterior import Estimate
-from swashtwin.calibration.severity.dimensions import FaultSpace, get_severity_search
 from swashtwin.pump import Fault, SwashPlateDefect
 
 NOISE_SYMBOL = "noise"

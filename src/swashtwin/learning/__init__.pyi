@@ -4,8 +4,6 @@ from .choice.best_candidate import fit_best_candidate as fit_best_candidate
 from .choice.candidate_trials import choose_candidate as choose_candidate
 from .choice.candidates import CANDIDATES as CANDIDATES
 from .choice.candidates import DISTURBED_TRAINING as DISTURBED_TRAINING
-from .choice.candidates import CandidateChoice as CandidateChoice
-from .choice.candidates import Trial as Trial
 from .data_check import DataCheck as DataCheck
 from .data_check import check_recordings as check_recordings
 from .evaluation.confidence_calibration import ConfidenceScores as ConfidenceScores
@@ -54,6 +52,8 @@ from .networks.residual_branch import Branch as Branch
 from .networks.solved_network import SolvedNetwork as SolvedNetwork
 from .onnx_graph import onnx_model as onnx_model
 from .recordings.recording_model import RecordingModel as RecordingModel
+from .training.candidate_choice import CandidateChoice as CandidateChoice
+from .training.candidate_choice import Trial as Trial
 from .training.classifier import FittedClassifier as FittedClassifier
 from .training.classifier import Normalization as Normalization
 from .training.classifier import require_verdicts as require_verdicts

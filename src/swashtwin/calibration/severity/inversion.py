@@ -19,7 +19,7 @@ import torch
 from jaxtyping import Float
 
 from swashtwin.calibration.discrepancy import Discrepancy, linearize, noise_covariance
-from swashtwin.calibration.severity.dimensions import FaultSpace, get_severity_search
+from swashtwin.calibration.fault_dimensions import FaultSpace, get_severity_search
 from swashtwin.calibration.severity.profile_likelihood import (
     THRESHOLD,
     ProfileProblem,

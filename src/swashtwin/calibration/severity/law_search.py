@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from swashtwin.calibration.fault_dimensions import build_fault_space
 from swashtwin.calibration.fault_law import NOISE_SYMBOL, FaultLaw
 from swashtwin.calibration.measurement import assign_single_channels
 from swashtwin.calibration.posterior import MAX_MISFIT, Estimate, build_estimate
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.severity.dimensions import build_fault_space
 from swashtwin.calibration.severity.inversion import SEVERITY_GRID, Inversion, Minimum
 from swashtwin.calibration.severity.severity_result import SeveritySettings
 from swashtwin.calibration.severity.severity_search import build_fault_comparison, build_inversion

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from swashtwin.calibration.fault_dimensions import Dimension, FaultSpace
 from swashtwin.calibration.posterior import COVERAGE, IDENTIFIED_STD, NORMAL_QUANTILE
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace
 from swashtwin.foundation import InputError, deg, to_table
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match
 from swashtwin.recordings import Recording

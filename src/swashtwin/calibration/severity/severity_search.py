@@ -10,6 +10,12 @@ from dataclasses import asdict, replace
 import numpy as np
 from jaxtyping import Float
 
+from swashtwin.calibration.fault_dimensions import (
+    Dimension,
+    FaultSpace,
+    build_fault_space,
+    get_severity_search,
+)
 from swashtwin.calibration.measurement import (
     Lines,
     Measurement,
@@ -20,12 +26,6 @@ from swashtwin.calibration.measurement import (
 from swashtwin.calibration.posterior import IDENTIFIED_STD, NORMAL_QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.recording_checks import require_one_machine
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.severity.dimensions import (
-    Dimension,
-    FaultSpace,
-    build_fault_space,
-    get_severity_search,
-)
 from swashtwin.calibration.severity.inversion import Ends, Inversion, Minimum, Prior
 from swashtwin.calibration.severity.profile_likelihood import THRESHOLD
 from swashtwin.calibration.severity.severity_result import (

@@ -7,16 +7,16 @@ import numpy as np
 
 from swashtwin.foundation import InputError, one_thread
 from swashtwin.learning.choice.candidate_trials import (
-    OutOfFoldPredictions,
     Progress,
     choose_candidate,
 )
 from swashtwin.learning.choice.candidates import DISTURBED_TRAINING
 from swashtwin.learning.evaluation.confidence_calibration import cross_fitted_confidence
-from swashtwin.learning.recordings.recording_fitting import fit_recordings
 from swashtwin.learning.training.classifier import FittedClassifier
 from swashtwin.learning.training.confidence import Confidence, require_validation_recordings
 from swashtwin.learning.training.fitting import fit, require_trainable
+from swashtwin.learning.training.out_of_fold import OutOfFoldPredictions
+from swashtwin.learning.training.recording_fitting import fit_recordings
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import Manifest

@@ -1,7 +1,7 @@
 """Choice of a candidate by trials on inner folds, as training does by default."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64, Shaped
@@ -11,16 +11,22 @@ from swashtwin.learning.choice.candidates import (
     CANDIDATES,
     DISTURBED_TRAINING,
     Candidate,
-    CandidateChoice,
-    Trial,
 )
 from swashtwin.learning.networks.band_power_network import solve_together
 from swashtwin.learning.networks.window_features import window_features
+from swashtwin.learning.training.candidate_choice import CandidateChoice, Trial
 from swashtwin.learning.training.classifier import Normalization
 from swashtwin.learning.training.confidence import likeliest_class
 from swashtwin.learning.training.fitting import RepresentedWindows
+from swashtwin.learning.training.out_of_fold import OutOfFoldPredictions
 from swashtwin.learning.training.settings import transform_windows, with_gains, with_speed_changes
-from swashtwin.learning.windows.splitting import Fold, group_folds, window_groups, without_overlap
+from swashtwin.learning.windows.splitting import (
+    Fold,
+    group_folds,
+    is_made_without,
+    window_groups,
+    without_overlap,
+)
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import NoiseKind, unit_noise
 
@@ -42,20 +48,6 @@ _TIE_TOLERANCE = 1e-12
 Progress = Callable[[str, int, int], None]
 """Called with (activity, finished, total)."""
 LogProbability = Float64[np.ndarray, "window class"]
-
-
-@dataclass(frozen=True, eq=False)
-class OutOfFoldPredictions:
-    """Answers of a candidate to measured windows that its fold's training did not see."""
-
-    probability: Float64[np.ndarray, "window class"]
-    target: Int64[np.ndarray, " window"]
-    recording_id: Shaped[np.ndarray, " window"]
-    """Recording of each window, in order of time."""
-    fold: Int64[np.ndarray, " window"]
-    """Fold that left it out."""
-    represented: RepresentedWindows | None = None
-    """All training windows as the candidate's network sees them; None if the trial used fewer."""
 
 
 def choose_candidate(
@@ -257,22 +249,6 @@ def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np
     if n_trained_classes < len(np.unique(views.windows.target)):
         rows = np.concatenate([trained, np.arange(n_measured, len(views.windows))])
     return rows
-
-
-def is_made_without(
-    synthetic: Shaped[np.ndarray, " synthetic"], tested: Shaped[np.ndarray, " tested"]
-) -> Bool[np.ndarray, " synthetic"]:
-    """Return whether each synthetic specimen was made without the tested ones.
-
-    A specimen named "... of NAME" was made from windows of NAME; a twin is named after the type of
-    its pump, not after a machine.
-    """
-    names = set(tested.tolist())
-    endings = tuple(f" of {name}" for name in names)
-    is_dependent = [
-        bool(name) and (name in names or name.endswith(endings)) for name in synthetic.tolist()
-    ]
-    return ~np.array(is_dependent, dtype=bool)
 
 
 def _out_of_fold_predictions(

@@ -1,10 +1,7 @@
-"""Candidates that training chooses from, their trials, and the choice."""
+"""Candidates that training chooses from."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
-from swashtwin.foundation import plural
 from swashtwin.learning.networks.band_power_network import BandPowerNetwork
 from swashtwin.learning.training.settings import TrainingSettings
 from swashtwin.learning.windows.window_set import WindowSet
@@ -48,81 +45,3 @@ at orders or in hertz, trained clean or disturbed, by each head or both) on two 
 on four bearings. On rig fleets 100 and 101 of version 2 the choice among 24 classified 0.67 and
 0.64 of the recordings of new pumps right, these two 0.66 to 0.67 and 0.82 to 0.83.
 """
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Result of one candidate on recordings that its training did not see."""
-
-    candidate: str
-    score: float
-    """Mean over the groups of the mean of `clean` and `disturbed`."""
-    standard_error: float
-    """Standard error of `score`, between the groups; 0 with one group."""
-    clean: float
-    """Mean recall over the classes, by recording, without disturbance."""
-    disturbed: float
-    """The mean of the same under noise at 5 dB, and under other gains and speeds."""
-    is_tied: bool
-    """Whether its score is within one standard error of the best one."""
-
-
-@dataclass(frozen=True)
-class CandidateChoice:
-    """The trials of all candidates, and the chosen one."""
-
-    candidate: str
-    """Name of the chosen candidate, the first of those tied with the best (`choose_candidate`)."""
-    trials: tuple[Trial, ...]
-    """Trials of all candidates, in the declared order; empty if there are too few recordings."""
-    group: str
-    """What inner folds kept whole: ``"specimen"``, ``"condition"`` or ``"recording"``; empty
-    without a trial.
-    """
-    n_folds: int
-    n_windows: int
-    """Measured windows that were tested on."""
-    reason: str
-    """Why there was no trial; empty if there was one."""
-    n_machines: int = 0
-    """Machines that it rests on; 0 if folds did not leave machines out."""
-    head_recalls: Mapping[str, float] = field(default_factory=dict)
-    """Mean recall, by recording, of each head on whole recordings, and of all heads together:
-    ``"without baseline"`` and ``"with baseline"`` of the machine. Empty if recordings are too
-    short.
-    """
-
-    def sentence(self) -> str:
-        """Describe the choice in sentences."""
-        if not self.trials:
-            return f"Chosen without a trial: {self.candidate} ({self.reason})."
-
-        trial = next(trial for trial in self.trials if trial.candidate == self.candidate)
-        text = (
-            f"Chosen: {self.candidate}, which classified {100 * trial.clean:.0f} % of the "
-            f"recordings of held-out {self.group}s right, and {100 * trial.disturbed:.0f} % under "
-            "noise and other gains and speeds"
-        )
-        n_tied = sum(trial.is_tied for trial in self.trials)
-        if n_tied > 1:
-            text += f"; one of {n_tied} that are as good within one standard error"
-        text += "."
-
-        if self.head_recalls:
-            without_baseline = 100 * self.head_recalls.get("without baseline", 0.0)
-            text += f" With heads on whole recordings {without_baseline:.0f} %"
-            with_baseline = self.head_recalls.get("with baseline")
-            if with_baseline is not None:
-                text += (
-                    f", and {100 * with_baseline:.0f} % with healthy recordings of the same machine"
-                )
-            text += "."
-        if self.n_machines:
-            text += f" This rests on {plural(self.n_machines, 'machine')}."
-        return text
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the choice as JSON can hold it."""
-        table = asdict(self)
-        table["trials"] = [asdict(trial) for trial in self.trials]
-        return table

@@ -8,10 +8,10 @@ import scipy
 from jaxtyping import Float, Float32, Float64, Int
 
 from swashtwin.foundation import DataError, InputError
+from swashtwin.learning.covariance import shrunk_covariance
 from swashtwin.learning.networks.hidden_layer import fit_hidden_layer
 from swashtwin.learning.networks.solved_network import SolvedNetwork, require_shapes
 from swashtwin.learning.networks.window_features import gain_response, window_bands, window_features
-from swashtwin.learning.training.class_space import shrunk_covariance
 from swashtwin.signals import BandPower
 
 HEADS = ("discriminant", "hidden")

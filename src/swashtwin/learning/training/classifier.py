@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Shaped
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning.choice.candidates import CandidateChoice
 from swashtwin.learning.features import reference_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.recordings.recording_model import RecordingModel
+from swashtwin.learning.training.candidate_choice import CandidateChoice
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.settings import NORMALIZATIONS, Epoch, TrainingSettings
 from swashtwin.learning.training.training_reference import TrainingReference

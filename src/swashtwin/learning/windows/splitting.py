@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from jaxtyping import Int, Shaped
+from jaxtyping import Bool, Int, Shaped
 
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.windows.window_set import WindowSet
@@ -285,3 +285,19 @@ def without_overlap(windows: WindowSet) -> WindowSet:
             rows.append(int(row))
             end_by_recording[name] = start + windows.length
     return windows.subset(np.array(sorted(rows), dtype=np.int64))
+
+
+def is_made_without(
+    synthetic: Shaped[np.ndarray, " synthetic"], tested: Shaped[np.ndarray, " tested"]
+) -> Bool[np.ndarray, " synthetic"]:
+    """Return whether each synthetic specimen was made without the tested ones.
+
+    A specimen named "... of NAME" was made from windows of NAME; a twin is named after the type of
+    its pump, not after a machine.
+    """
+    names = set(tested.tolist())
+    endings = tuple(f" of {name}" for name in names)
+    is_dependent = [
+        bool(name) and (name in names or name.endswith(endings)) for name in synthetic.tolist()
+    ]
+    return ~np.array(is_dependent, dtype=bool)

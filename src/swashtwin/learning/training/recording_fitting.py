@@ -7,7 +7,6 @@ import scipy
 from jaxtyping import Float, Float64, Int64
 
 from swashtwin.foundation import derive_seed, random_stream
-from swashtwin.learning.choice.candidate_trials import OutOfFoldPredictions, is_made_without
 from swashtwin.learning.recordings.recording_bands import RecordingBandLayout
 from swashtwin.learning.recordings.recording_heads import Heads, fit_heads
 from swashtwin.learning.recordings.recording_model import (
@@ -23,7 +22,9 @@ from swashtwin.learning.recordings.stretches import (
     shortest_stretch,
 )
 from swashtwin.learning.training.confidence import fit_pooling
+from swashtwin.learning.training.out_of_fold import OutOfFoldPredictions
 from swashtwin.learning.training.settings import with_noise
+from swashtwin.learning.windows.splitting import is_made_without
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy
 from swashtwin.signals import NoiseKind

@@ -470,10 +470,33 @@ def test_check_reports_that_healthy_recordings_suffice_for_a_detector(
 def test_a_classifier_of_healthy_recordings_alone_is_refused(
     folder: Path, healthy: list[Recording]
 ) -> None:
-    refused = run("train", str(folder / "healthy"), "--network", "bitcn", code=2)
+    refused = run("train", str(folder / "healthy"), "--network", "bitcn", code=3)
     assert "anomaly" in refused.stderr
     with pytest.raises((DataError, InputError), match="AnomalyDetector"):
         st.FaultClassifier(window=512).fit(healthy[:6])
+
+
+@pytest.mark.parametrize(
+    ("words", "parameter", "option"),
+    [
+        (("--window", 256), "window (256)", "--window"),
+        (("--test-fraction", 0.2), "test_fraction (0.2)", "--test-fraction"),
+        (("--validation-fraction", 0.3), "validation_fraction (0.3)", "--validation-fraction"),
+        (("--group", "specimen"), "group ('specimen')", "--group"),
+        (("--prior", "25scy14-1b"), "prior ('25scy14-1b')", "--prior"),
+        (("--network", "bitcn", "--set", "epochs=2"), "network ('bitcn')", "--network"),
+        (("--preset", "paper"), "network ('bitcn')", "--network"),
+    ],
+)
+def test_a_detector_takes_no_parameter_of_a_classifier(
+    folder: Path, tmp_path: Path, words: tuple[object, ...], parameter: str, option: str
+) -> None:
+    out = tmp_path / "model.safetensors"
+    line = one_line(run("train", folder / "healthy", *words, "--out", out, code=3))
+
+    assert f"{parameter} belongs to a classifier, but all recordings are healthy" in line
+    assert f"Omit {option}, or add recordings of a fault." in line
+    assert not out.exists()
 
 
 def test_a_verdict_without_band_powers_has_a_page_too(tmp_path: Path) -> None:

@@ -347,7 +347,8 @@ def test_a_missing_verdict_shows_in_text_json_page_and_exit_code(saved, tmp_path
 
     (tmp_path / "healthy.csv").touch()
     refused = run(*command[:3], "--healthy", tmp_path / "healthy.csv", code=2)
-    assert "is not an index" in refused.output
+    # The box of the message breaks its lines.
+    assert "is not an index" in " ".join(refused.output.replace("│", "").split())
 
     def explain_late(*arguments):
         (tmp_path / "good.h5").unlink()

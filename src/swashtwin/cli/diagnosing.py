@@ -25,7 +25,7 @@ from swashtwin.cli.training import confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from swashtwin.diagnosis import Diagnosis, Evidence, FaultClassifier
+    from swashtwin.diagnosis import Diagnosis, Evidence
     from swashtwin.learning import FittedClassifier
     from swashtwin.recordings import Recording
 
@@ -73,13 +73,15 @@ def diagnose(
     The exit code is 4 if a recording has no verdict, because it is unusable or a number is not
     finite.
     """
-    from swashtwin.diagnosis import FaultClassifier, load_model
+    from swashtwin.diagnosis import FaultClassifier, compare_with_healthy, load_model
 
     require_page(report, inputs=[model, *paths], force=force)
     trained = load_model(model)
     recordings = load_sources(paths, **reading)
     if healthy is not None:
-        trained, recordings = _compare_with(trained, healthy, recordings)
+        trained, recordings = compare_with_healthy(trained, load_sources([healthy]), recordings)
+        for text in trained.notes_:
+            print_note(f"note: {text}")
 
     rate: dict[str, Any] = {} if error_rate is None else {"error_rate": error_rate}
     verdicts = [
@@ -116,45 +118,6 @@ def diagnose(
     print_result(result, as_json, show)
     if any(verdict.label is None for verdict in verdicts):
         raise typer.Exit(NO_VERDICT)
-
-
-def _compare_with(
-    trained: object, healthy: Path, recordings: "Sequence[Recording]"
-) -> "tuple[FaultClassifier, list[Recording]]":
-    """Return the classifier that compares with healthy recordings, and the recordings to diagnose.
-
-    If the healthy recordings are of one machine, recordings that specify no machine are of it too.
-    """
-    from swashtwin.diagnosis import FaultClassifier
-    from swashtwin.foundation import InputError
-    from swashtwin.pump import is_healthy
-
-    if not isinstance(trained, FaultClassifier):
-        raise typer.BadParameter("applies to a classifier only. Omit it.", param_hint="--healthy")
-    reference = [
-        recording
-        for recording in load_sources([healthy])
-        if recording.label is None or is_healthy(recording.label)
-    ]
-    if not reference:
-        raise InputError(
-            f"{healthy} has no healthy recording. Specify a folder or an index that has one."
-        )
-
-    compared = list(recordings)
-    machines = {recording.specimen or "" for recording in reference}
-    if len(machines) == 1:
-        machine = machines.pop() or "this machine"
-        reference = [recording.replace(specimen=machine) for recording in reference]
-        compared = [
-            recording if recording.specimen else recording.replace(specimen=machine)
-            for recording in compared
-        ]
-
-    informed = trained.with_healthy(reference)
-    for text in informed.notes_:
-        print_note(f"note: {text}")
-    return informed, compared
 
 
 def _collect_evidence(

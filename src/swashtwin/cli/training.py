@@ -125,7 +125,7 @@ def train(
             param_hint="--set",
         )
 
-    from swashtwin.diagnosis import FaultClassifier
+    from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.learning import load_windows
     from swashtwin.pump import is_healthy
     from swashtwin.recordings import declared_faults, healthy_class_findings, load_recordings
@@ -137,32 +137,15 @@ def train(
     synthetic = [load_windows(path) for path in synthetic_files]
     recordings = load_recordings(source)
 
-    if not synthetic and recordings and all(map(is_healthy, recordings.labels)):
-        _require_no_classifier_option(
-            source,
-            {
-                "--test-fraction": test_fraction,
-                "--validation-fraction": validation_fraction,
-                "--network": network,
-                "--set": settings,
-                "--window": window,
-                "--prior": prior,
-                "--preset": preset is Preset.paper,
-                "--group": group != "recording",
-            },
-        )
-        _train_detector(recordings, error_rate, out, as_json)
-        return
-
-    for finding in healthy_class_findings(recordings.labels):
-        print_note(f"note: {finding.message}")
+    are_all_healthy = not synthetic and bool(recordings) and all(map(is_healthy, recordings.labels))
+    default_test_fraction = 0.0 if are_all_healthy else DEFAULT_TEST_FRACTION
     declared_fault_of = {
         name: fault for name, fault in declared_faults(source).items() if name in recordings.labels
     }
     classifier = FaultClassifier(
         **recipe,
         window=window,
-        test_fraction=DEFAULT_TEST_FRACTION if test_fraction is None else test_fraction,
+        test_fraction=default_test_fraction if test_fraction is None else test_fraction,
         validation_fraction=validation_fraction,
         group=group,
         error_rate=error_rate,
@@ -170,6 +153,12 @@ def train(
         prior=prior,
         seed=seed,
     )
+    if are_all_healthy:
+        _train_detector(AnomalyDetector.in_place_of(classifier), recordings, out, as_json)
+        return
+
+    for finding in healthy_class_findings(recordings.labels):
+        print_note(f"note: {finding.message}")
     keeps_checkpoint = not is_selected_by_trials
     _fit_classifier(classifier, recordings, synthetic, source, out, keeps_checkpoint)
 
@@ -246,25 +235,11 @@ def _recipe(
     }
 
 
-def _require_no_classifier_option(source: Path, options: dict[str, Any]) -> None:
-    """Raise an error if an option of a classifier is given for healthy recordings only."""
-    for name, value in options.items():
-        if value:
-            raise typer.BadParameter(
-                f"applies to a classifier, but all recordings of {source} are healthy, so that an "
-                "anomaly detector is trained on all of them. Omit the option, or add recordings of "
-                "a fault.",
-                param_hint=name,
-            )
-
-
 def _train_detector(
-    recordings: "Recordings", error_rate: float | None, out: Path, as_json: bool
+    detector: "AnomalyDetector", recordings: "Recordings", out: Path, as_json: bool
 ) -> None:
-    from swashtwin.diagnosis import AnomalyDetector
-
     with progress("measuring band powers") as bar:
-        detector = AnomalyDetector(error_rate=error_rate).fit(recordings, progress=bar)
+        detector.fit(recordings, progress=bar)
     detector.save(out)
     _print_detector(detector, out, as_json)
 

@@ -11,6 +11,7 @@ from .classifier_file import save_classifier as save_classifier
 from .evidence import Evidence as Evidence
 from .evidence import explain as explain
 from .fault_classifier import FaultClassifier as FaultClassifier
+from .fault_classifier import compare_with_healthy as compare_with_healthy
 from .healthy_spectrum import HealthySpectrum as HealthySpectrum
 from .model_loading import load_model as load_model
 from .onnx_export import export_onnx as export_onnx

@@ -41,6 +41,9 @@ _MAY_BE_NAN = ("healthy.speed", "healthy.pressure")
 _MAX_NAMED_OUTLIERS = 6
 _MAX_OUTLIER_CAUSES = 2
 
+# Parameters of a classifier that a detector shares, or that change nothing without faults.
+_IGNORED_PARAMETERS = ("error_rate", "seed", "fault_of")
+
 # An outlier resembles another operating point if its score there is lower by this factor.
 _OTHER_POINT_RATIO = 4.0
 
@@ -89,6 +92,25 @@ class AnomalyDetector(Estimator):
 
     def __init__(self, *, error_rate: float | None = None) -> None:
         self.error_rate = error_rate
+
+    @classmethod
+    def in_place_of(cls, classifier: Estimator) -> "AnomalyDetector":
+        """Return the detector to train if all recordings are healthy, with the same error rate.
+
+        Raises
+        ------
+        InputError
+            A parameter of the classifier that a detector does not have is not at its default.
+        """
+        for name, value in classifier.changed_params().items():
+            if name not in _IGNORED_PARAMETERS:
+                raise InputError(
+                    f"{name} ({value!r}) belongs to a classifier, but all recordings are healthy, "
+                    "so that an anomaly detector is trained on all of them.",
+                    field=name,
+                    remedy=f"Omit {{{name}}}, or add recordings of a fault.",
+                )
+        return cls(error_rate=classifier.get_params()["error_rate"])
 
     def fit(
         self,

@@ -42,6 +42,14 @@ class Estimator:
         """Return the parameters of the constructor by name."""
         return {name: getattr(self, name) for name in self._defaults()}
 
+    def changed_params(self) -> dict[str, Any]:
+        """Return the parameters of the constructor that are not at their defaults, by name."""
+        return {
+            name: value
+            for name, value in self.get_params().items()
+            if value != self._defaults()[name]
+        }
+
     def set_params(self, **parameters: Any) -> "Estimator":
         """Change parameters of the constructor and return the estimator."""
         for name, value in parameters.items():
@@ -79,11 +87,7 @@ class Estimator:
                 )
 
     def __repr__(self) -> str:
-        changes = (
-            f"{name}={value!r}"
-            for name, value in self.get_params().items()
-            if value != self._defaults()[name]
-        )
+        changes = (f"{name}={value!r}" for name, value in self.changed_params().items())
         return f"{type(self).__name__}({', '.join(changes)})"
 
     def __sklearn_is_fitted__(self) -> bool:

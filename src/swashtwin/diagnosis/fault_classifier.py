@@ -36,6 +36,7 @@ from swashtwin.diagnosis.training_windows import (
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import RECOMMENDED_TRAINING, FittedClassifier, WindowSet, require_verdicts
+from swashtwin.pump import is_healthy
 from swashtwin.recordings import Manifest, Recording, recording_groups
 
 Progress = Callable[[str, int, int], None]
@@ -311,31 +312,21 @@ class FaultClassifier(Estimator):
         self._require_fitted()
         return self.fitted_.manifest
 
-    def diagnose(
-        self,
-        recording: Recording,
-        *,
-        healthy: Iterable[Recording] = (),
-        error_rate: float | None = None,
-    ) -> Diagnosis:
+    def diagnose(self, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
         """Return the class of one recording, its certainty, and what limits it.
 
-        See `swashtwin.diagnosis.diagnose`.
+        See `swashtwin.diagnosis.diagnose`; `with_healthy` adds recordings to compare with.
 
         Parameters
         ----------
-        healthy : as in `with_healthy`, which is called once for many recordings.
         error_rate : of the prediction set and of calling a recording unknown; the classifier's own
             by default.
         """
         self._require_fitted()
-        healthy = list(healthy)
-        classifier = self.with_healthy(healthy) if healthy else self
-
-        diagnosis = diagnose(classifier.fitted_, recording, error_rate=error_rate)
-        if classifier.resemblance_ is None:
+        diagnosis = diagnose(self.fitted_, recording, error_rate=error_rate)
+        if self.resemblance_ is None:
             return diagnosis
-        return classifier.resemblance_.extend_diagnosis(diagnosis, recording)
+        return self.resemblance_.extend_diagnosis(diagnosis, recording)
 
     def with_healthy(self, healthy: Iterable[Recording]) -> "FaultClassifier":
         """Return a classifier that also compares with these healthy recordings of machines.
@@ -403,8 +394,8 @@ class FaultClassifier(Estimator):
                 "network_settings",
                 "device",
             )
-            for name in network_parameters:
-                if getattr(self, name) != self._defaults()[name]:
+            for name in self.changed_params():
+                if name in network_parameters:
                     raise InputError(
                         f"{name} belongs to a network.",
                         field="network",
@@ -518,6 +509,54 @@ class FaultClassifier(Estimator):
         """Set `classes_`, unless an array has set the same classes in the type of its labels."""
         if classes != tuple(str(name) for name in getattr(self, "classes_", ())):
             self.classes_ = np.array(classes, dtype=np.str_)
+
+
+def compare_with_healthy(
+    model: object, reference: Iterable[Recording], recordings: Iterable[Recording]
+) -> tuple[FaultClassifier, list[Recording]]:
+    """Return a classifier that compares with the healthy ones of some recordings.
+
+    If these are of one machine, recordings that specify no machine are of it too. They are also
+    returned, as the classifier takes them.
+
+    Parameters
+    ----------
+    reference : recordings of which those of another class than healthy are ignored.
+    recordings : recordings to diagnose.
+
+    Raises
+    ------
+    InputError
+        The model is not a classifier, or no recording is healthy; further errors: see
+        `FaultClassifier.with_healthy`.
+    """
+    if not isinstance(model, FaultClassifier):
+        raise InputError(
+            "Only a classifier compares with healthy recordings.",
+            field="healthy",
+            remedy="Omit {healthy}.",
+        )
+    healthy = [
+        recording
+        for recording in reference
+        if recording.label is None or is_healthy(recording.label)
+    ]
+    if not healthy:
+        raise InputError(
+            "No recording to compare with is healthy. Specify a folder or an index that has one.",
+            field="healthy",
+        )
+
+    compared = list(recordings)
+    machines = {recording.specimen or "" for recording in healthy}
+    if len(machines) == 1:
+        machine = machines.pop() or "this machine"
+        healthy = [recording.replace(specimen=machine) for recording in healthy]
+        compared = [
+            recording if recording.specimen else recording.replace(specimen=machine)
+            for recording in compared
+        ]
+    return model.with_healthy(healthy), compared
 
 
 def _checkpoint_path(checkpoint: Path | str | None, resume: bool) -> Path | None:

@@ -1,6 +1,4 @@
-"""One set of options says how to read a file, and a message advises no option that its command
-lacks.
-"""
+"""Every command that reads a file takes the same options, and a message advises only those."""
 
 import re
 from pathlib import Path
@@ -14,81 +12,120 @@ from typer.main import get_command
 from swashtwin.cli import app
 from swashtwin.cli.options import READING
 
-SIGNAL = ("signal spectrum", "signal features")
-READERS = ("index", "inspect", "diagnose", "calibrate", "data convert", *SIGNAL)
-RATE = ["--sample-rate", "1 kHz"]
-ROWS = [f"{number / 1000},{number % 7}.5,{number % 5}.25" for number in range(64)]
+READERS = (
+    "index",
+    "inspect",
+    "diagnose",
+    "calibrate",
+    "data convert",
+    "signal spectrum",
+    "signal features",
+)
+
+RATE = ("--sample-rate", "1 kHz")
 
 
 def options_of(path: str) -> set[str]:
     command = get_command(app)
     for name in path.split():
         command = command.commands[name]  # type: ignore[attr-defined]
-    return {name for parameter in command.params for name in parameter.opts}
+    return {option for parameter in command.params for option in parameter.opts}
 
 
 @pytest.mark.parametrize("command", READERS)
 def test_every_command_that_reads_a_file_takes_the_same_options(command: str) -> None:
-    assert {f"--{name.replace('_', '-')}" for name in READING} <= options_of(command)
+    reading_options = {f"--{name.replace('_', '-')}" for name in READING}
+    assert reading_options <= options_of(command)
 
 
-FILES = {
-    "plain": ["a,b", *(row.partition(",")[2] for row in ROWS)],
-    "volts": ["a [V]", *(f"{number % 7}.25" for number in range(64))],
-    "counts": ["a [1]", *(f"{number % 7}.25" for number in range(64))],
-    "doubtful": ["a", *(f"{number % 7},125" for number in range(64))],
+TABLES = {
+    "plain": ["a,b", *(f"{row % 7}.5,{row % 5}.25" for row in range(64))],
+    "volts": ["a [V]", *(f"{row % 7}.25" for row in range(64))],
+    "counts": ["a [1]", *(f"{row % 7}.25" for row in range(64))],
+    # a comma that separates either two columns or the decimals of one
+    "doubtful": ["a", *(f"{row % 7},125" for row in range(64))],
 }
+"""Lines of text tables whose rate or unit is not specified, or contradicts an option."""
+
+
+def write_file(kind: str, folder: Path) -> Path:
+    """Write a text table of `TABLES`, or a sound file, whose samples have no unit."""
+    if kind == "wav":
+        path = folder / "a.wav"
+        samples = np.random.default_rng(0).normal(0, 0.1, 64)
+        soundfile.write(path, samples, 8000, subtype="PCM_16")
+        return path
+
+    path = folder / "a.csv"
+    path.write_text("\n".join(TABLES[kind]) + "\n")
+    return path
 
 
 @pytest.mark.parametrize(
-    ("file", "given", "advised", "mended"),
+    ("kind", "options", "advice", "corrected_options"),
     [
-        ("plain", ["--unit", "g"], "--sample-rate", ["--sample-rate", "1 kHz"]),
-        ("plain", ["--sample-rate", "1 kHz"], "--unit", ["--unit", "g"]),
-        (
+        pytest.param(
             "plain",
-            ["--sample-rate", "1 kHz", "--sensitivity", "100 mV/g"],
+            ("--unit", "g"),
+            "--sample-rate",
+            ("--unit", "g", *RATE),
+            id="sample rate missing",
+        ),
+        pytest.param("plain", RATE, "--unit", (*RATE, "--unit", "g"), id="unit missing"),
+        pytest.param(
+            "plain",
+            (*RATE, "--sensitivity", "100 mV/g"),
             "--unit",
-            ["--unit", "V"],
+            (*RATE, "--sensitivity", "100 mV/g", "--unit", "V"),
+            id="unit missing beside a sensitivity",
         ),
-        (
+        pytest.param(
             "doubtful",
-            ["--unit", "g", "--sample-rate", "1 kHz"],
+            ("--unit", "g", *RATE),
             '--read "decimal=,"',
-            ["--read", "decimal=,"],
+            ("--unit", "g", *RATE, "--read", "decimal=,"),
+            id="decimal comma",
         ),
-        ("wav", [], "--sensitivity", ["--sensitivity", "50 m/s^2"]),
-        ("wav", ["--sensitivity", "100 mV/g"], "50 m/s^2", ["--sensitivity", "50 m/s^2"]),
-        (
+        pytest.param("wav", (), "--sensitivity", ("--sensitivity", "50 m/s^2"), id="sound file"),
+        pytest.param(
+            "wav",
+            ("--sensitivity", "100 mV/g"),
+            "50 m/s^2",
+            ("--sensitivity", "50 m/s^2"),
+            id="sensitivity in volts for a sound file",
+        ),
+        # volts are not g: the sensitivity states the unit in place of --unit
+        pytest.param(
             "volts",
-            ["--sample-rate", "1 kHz", "--unit", "g"],
-            "--sensitivity",
-            ["--sensitivity", "100 mV/g"],
+            (*RATE, "--unit", "g"),
+            "Remove --unit, or set its scale: --sensitivity",
+            (*RATE, "--sensitivity", "100 mV/g"),
+            id="unit contradicts volts",
         ),
-        (
+        pytest.param(
             "counts",
-            ["--sample-rate", "1 kHz", "--unit", "g"],
-            '--sensitivity "1 g"',
-            ["--sensitivity", "1 g"],
+            (*RATE, "--unit", "g"),
+            'Remove --unit, or set its scale: --sensitivity "1 g"',
+            (*RATE, "--sensitivity", "1 g"),
+            id="unit contradicts counts",
         ),
     ],
 )
 def test_the_option_that_a_message_advises_reads_the_file(
-    file: str, given: list[str], advised: str, mended: list[str], tmp_path: Path
+    kind: str,
+    options: tuple[str, ...],
+    advice: str,
+    corrected_options: tuple[str, ...],
+    tmp_path: Path,
 ) -> None:
-    path = tmp_path / ("a.wav" if file == "wav" else "a.csv")
-    if file == "wav":
-        soundfile.write(path, np.random.default_rng(0).normal(0, 0.1, 64), 8000, subtype="PCM_16")
-    else:
-        path.write_text("\n".join(FILES[file]) + "\n")
-    arguments = ["data", "convert", str(path), "--out", str(tmp_path / "a.h5"), *given]
-    message = one_line(run(*arguments, code=3))
-    assert advised in message
+    command = ("data", "convert", write_file(kind, tmp_path), "--out", tmp_path / "a.h5")
+
+    message = one_line(run(*command, *options, code=3))
+    assert advice in message
+
+    # the message is the same for all commands, so each must know the options that it names
     for option in re.findall(r"--[a-z][a-z-]*", message):
-        assert all(option in options_of(command) for command in READERS), option
-    replaced = mended[0] in given or "Remove --unit" in message
-    run(
-        *arguments[: -len(given) or None],
-        *(RATE if replaced and file != "wav" else given * (not replaced)),
-        *mended,
-    )
+        for reader in READERS:
+            assert option in options_of(reader)
+
+    run(*command, *corrected_options)

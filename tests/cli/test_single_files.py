@@ -1,6 +1,4 @@
-"""Commands on one bare file: options state its facts, the advice works, and files of a wrong kind
-are named.
-"""
+"""Commands on one bare file: options state its facts, and the advice of messages works."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,126 +9,128 @@ from twin_recordings import recording_of
 
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, Pump
-from swashtwin.recordings import write_recording
+from swashtwin.recordings import Recording, write_recording
+
+WINDOW = ("--window", 128)
 
 
 @pytest.fixture(scope="module")
 def folder(tones: Path) -> Path:
     """Six text tables of two classes, their index, and a model trained on them."""
-    run(
-        "train",
-        tones,
-        "--out",
-        tones / "m.safetensors",
-        "--window",
-        128,
-        "--test-fraction",
-        0,
-        *TINY,
-    )
+    out = tones / "m.safetensors"
+    run("train", tones, "--out", out, *WINDOW, "--test-fraction", 0, *TINY)
     return tones
 
 
-def test_files_of_one_name_are_told_apart_by_their_folders(folder: Path, tmp_path: Path) -> None:
+def usage_error(*arguments: object) -> str:
+    """Return the message of a wrong command line, without its box."""
+    stderr = run(*arguments, code=2).stderr
+    return " ".join(stderr.replace("│", " ").split())
+
+
+def test_files_of_one_name_are_distinguished_by_their_folders(folder: Path, tmp_path: Path) -> None:
     files = [write_tone(tmp_path / day / "pump" / "run.csv", 100) for day in ("mo", "tu")]
-    plain = write_tone(tmp_path / "mo" / "other.csv", 100)
-    answer = run_json("inspect", *files, plain, *FACTS, code=3)
-    assert [item["recording_id"] for item in answer["recordings"]] == [
-        "mo/pump/run",
-        "tu/pump/run",
-        "other",
-    ]
-    shown = run("diagnose", folder / "m.safetensors", *files, *FACTS).stdout
-    assert "mo/pump/run" in shown
-    assert "tu/pump/run" in shown
+    other = write_tone(tmp_path / "mo" / "other.csv", 100)
+
+    # code 3, as the two files of one name hold the same samples
+    answer = run_json("inspect", *files, other, *FACTS, code=3)
+    recording_ids = [recording["recording_id"] for recording in answer["recordings"]]
+    assert recording_ids == ["mo/pump/run", "tu/pump/run", "other"]
+
+    output = run("diagnose", folder / "m.safetensors", *files, *FACTS).stdout
+    assert "mo/pump/run" in output
+    assert "tu/pump/run" in output
 
 
-def message(*words: object) -> str:
-    """What a wrong command line is told, without the frame around it."""
-    return " ".join(run(*words, code=2).stderr.replace("│", " ").split())
-
-
-def test_the_advice_about_another_rate_works_as_printed(folder: Path, tmp_path: Path) -> None:
+def test_the_advice_about_another_sample_rate_works_as_printed(
+    folder: Path, tmp_path: Path
+) -> None:
     file = write_tone(tmp_path / "fast.csv", 300, count=1200, rate=4000)
-    words = ("diagnose", folder / "m.safetensors", file, "--sample-rate", "4 kHz", "--unit", "g")
-    refused = run(*words, code=3)
+    facts = ("--sample-rate", "4 kHz", "--unit", "g")
+    command = ("diagnose", folder / "m.safetensors", file, *facts)
+
+    refusal = run(*command, code=3)
     advice = 'If 4000 Hz is right, set --resample "2000 Hz"; otherwise correct --sample-rate'
-    assert advice in refused.stdout + refused.stderr
-    answer = run_json(*words, "--resample", "2000 Hz")
+    assert advice in refusal.stdout + refusal.stderr
+
+    answer = run_json(*command, "--resample", "2000 Hz")
     assert answer["diagnoses"][0]["label"] in ("normal", "piston")
 
 
-def test_calibrate_takes_a_bare_file_at_the_operating_point_of_its_options(
-    pump: Pump, at_15: OperatingCondition, tmp_path: Path
+@pytest.fixture
+def healthy_recording(pump: Pump, at_15: OperatingCondition) -> Recording:
+    """Recording of the twin, without its facts, as a user measures it."""
+    recording = recording_of(Twin(pump, at_15, bandwidth=2600))
+    return replace(recording, condition=None, label=None, synthetic=False)
+
+
+def test_calibrate_takes_a_bare_file_whose_operating_point_is_an_option(
+    healthy_recording: Recording, tmp_path: Path
 ) -> None:
-    recording = replace(
-        recording_of(Twin(pump, at_15, bandwidth=2600)), condition=None, label=None, synthetic=False
-    )
-    file = write_recording(recording, tmp_path / "pump.csv")
-    words = (
-        "calibrate",
-        file,
-        "--sample-rate",
-        "6.4 kHz",
-        "--unit",
-        "m/s^2",
-        "--band",
-        "0-1 kHz",
-        *QUICK,
-    )
-    result = run(*words, "--speed", "860 rpm", "--pressure", "15 MPa", "--out", tmp_path / "c.json")
-    assert (
-        "is taken as a recording of the class normal. Specify another class with --fault"
-        in " ".join(result.stderr.split())
-    )
+    file = write_recording(healthy_recording, tmp_path / "pump.csv")
+    facts = ("--sample-rate", "6.4 kHz", "--unit", "m/s^2", "--band", "0-1 kHz")
+    command = ("calibrate", file, *facts, *QUICK, "--speed", "860 rpm", "--pressure", "15 MPa")
+
+    result = run(*command, "--out", tmp_path / "c.json")
+
+    notes = " ".join(result.stderr.split())
+    class_note = "is taken as a recording of the class normal. Specify another class with --fault"
+    assert class_note in notes
     assert (tmp_path / "c.json").is_file()
-    two = ("--speed", "860 rpm", "--pressure", "15 MPa", "--pressure", "10 MPa")
-    assert "is one recording" in message(*words, *two)
+
+    # one file cannot be measured at two pressures
+    assert "is one recording" in usage_error(*command, "--pressure", "10 MPa")
 
 
-def test_a_recording_in_place_of_an_index_is_named(folder: Path) -> None:
-    for words in (("train",), ("data", "split"), ("evaluate", folder / "m.safetensors")):
-        assert "normal_1.csv is not an index of labeled recordings" in message(
-            *words, folder / "normal_1.csv"
-        )
+@pytest.mark.parametrize("command", ["train", "data split", "evaluate"])
+def test_a_recording_given_as_an_index_is_refused_by_name(folder: Path, command: str) -> None:
+    model = (folder / "m.safetensors",) if command == "evaluate" else ()
+
+    message = usage_error(*command.split(), *model, folder / "normal_1.csv")
+
+    assert "normal_1.csv is not an index of labeled recordings" in message
 
 
-def test_confidence_takes_the_validation_recordings_that_there_are(
+def test_calibrated_confidence_reports_how_many_validation_recordings_it_needs(
+    folder: Path, tmp_path: Path
+) -> None:
+    out = ("--out", tmp_path / "c.safetensors")
+    command = ("train", folder, *out, *WINDOW, "--test-fraction", 0, *TINY)
+
+    # a model without confidence is trained, with a note how to get it
+    without_validation = " ".join(run(*command).stderr.split())
+    advice = (
+        "--validation-fraction 0.5 --error-rate 0.25 holds back about 3 of the 6 recordings for it"
+    )
+    assert advice in without_validation
+
+    # so is a model for whose default error rate they are too few
+    too_few = run(*command, "--validation-fraction", 0.3)
+    shortage = "needs 9 validation recordings, and a share of 0.3 is about 2;"
+    assert shortage in " ".join(too_few.stderr.split())
+
+    # an error rate that the user gives is required
+    refusal = run(*command, "--validation-fraction", 0.3, "--error-rate", 0.1, code=3)
+    assert "needs 9 validation recordings" in refusal.stderr
+
+
+def test_evaluate_excludes_copies_and_reports_the_share_of_unknown_recordings(
     folder: Path, tmp_path: Path
 ) -> None:
     model = tmp_path / "c.safetensors"
-    words = ("train", folder, "--out", model, "--window", 128, "--test-fraction", 0, *TINY)
-    plain = " ".join(run(*words).stderr.split())
-    assert (
-        "--validation-fraction 0.5 --error-rate 0.25 holds back about 3 of the 6 recordings for it"
-        in plain
-    )
-    said = run(*words, "--validation-fraction", 0.3)
-    assert "needs 9 validation recordings, and a share of 0.3 is about 2;" in " ".join(
-        said.stderr.split()
-    )
-    assert (
-        "needs 9 validation recordings"
-        in run(*words, "--validation-fraction", 0.3, "--error-rate", 0.1, code=3).stderr
-    )
+    shares = ("--validation-fraction", 0.5, "--error-rate", 0.25, "--test-fraction", 0)
+    run("train", folder, "--out", model, *WINDOW, *shares, *TINY)
 
-
-def test_evaluate_names_copies_and_says_how_many_are_called_unknown(
-    folder: Path, tmp_path: Path
-) -> None:
-    model, strange = tmp_path / "c.safetensors", tmp_path / "strange"
-    shares = ("--validation-fraction", 0.5, "--error-rate", 0.25)
-    run("train", folder, "--out", model, "--window", 128, "--test-fraction", 0, *shares, *TINY)
+    # tones of frequencies far from those of training, 100 and 300 Hz, and a copy
+    strange = tmp_path / "strange"
     for number, frequency in enumerate((700, 720, 740)):
         write_tone(strange / f"piston_{number}.csv", frequency)
     (strange / "normal_9.csv").write_bytes((folder / "normal_1.csv").read_bytes())
     run("index", strange, *FACTS)
-    said = run("evaluate", model, strange)
-    assert "excluded: recording normal_9, a copy of normal_1, altered or not," in " ".join(
-        said.stderr.split()
-    )
-    unknown = run_json("evaluate", model, strange)["confidence"]["called_unknown"]
-    assert unknown > 0
-    assert f"diagnose would report {unknown:.0%} of these recordings as unknown" in " ".join(
-        said.stderr.split()
-    )
+
+    notes = " ".join(run("evaluate", model, strange).stderr.split())
+    unknown_share = run_json("evaluate", model, strange)["confidence"]["called_unknown"]
+
+    assert "excluded: recording normal_9, a copy of normal_1, altered or not," in notes
+    assert unknown_share > 0
+    assert f"diagnose would report {unknown_share:.0%} of these recordings as unknown" in notes

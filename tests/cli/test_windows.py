@@ -1,4 +1,4 @@
-"""The main commands work where only Windows' modules, functions and file names are."""
+"""The main commands work with only the modules, functions and file names that Windows has."""
 
 import subprocess
 import sys
@@ -12,13 +12,17 @@ from swashtwin.recordings import Recording, write_recording
 from swashtwin.recordings.index_writing import relative_path, save_index
 
 SCRIPT = Path(__file__).parents[1] / "support" / "windows.py"
-COMMANDS = (
-    "index data --label-pattern '(?P<label>[a-z]+)_' --speed '1500 rpm' --pressure '10 MPa' --force",
-    "inspect data",
+"""Runs command lines in a Python without the modules and functions of POSIX."""
+
+INDEX = (
+    "index data --label-pattern '(?P<label>[a-z]+)_' --speed '1500 rpm' --pressure '10 MPa' --force"
+)
+INSPECT = "inspect data"
+FURTHER_COMMANDS = (
     "data convert data --out store.h5",
     "data split data --out split --test-fraction 0.25",
-    "train split/train.toml --network bitcn --set epochs=1 --set stride=32 --set channels=4,4 --window 256 "
-    "--test-fraction 0 --out model.safetensors",
+    "train split/train.toml --network bitcn --set epochs=1 --set stride=32 --set channels=4,4 "
+    "--window 256 --test-fraction 0 --out model.safetensors",
     "evaluate model.safetensors split/test.toml",
     "diagnose model.safetensors data/normal_0.h5 --report 'report of one'",
     "signal spectrum data/normal_0.h5 --out spectrum.svg",
@@ -26,67 +30,85 @@ COMMANDS = (
 )
 
 
+def run_on_windows(*commands: str, folder: Path) -> None:
+    """Run commands in a folder as Windows would, and expect each to succeed."""
+    # a file that is opened without an encoding differs between systems
+    arguments = [sys.executable, "-X", "warn_default_encoding", SCRIPT, *commands]
+    process = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr[-3000:]
+
+
 @pytest.mark.nightly
 def test_the_main_commands_need_nothing_that_only_posix_has(tmp_path: Path) -> None:
     condition = OperatingCondition(speed=rpm(1500), discharge_pressure=MPa(10))
     for label in ("normal", "piston"):
         for number in range(4):
+            name = f"{label}_{number}"
             signal = random_stream(0, label, number).normal(size=(1, 4096))
-            recording = Recording(
-                signal, 6400.0, f"{label}_{number}", label=label, condition=condition
-            )
-            write_recording(recording, tmp_path / "data" / f"{label}_{number}.h5")
-    command = [sys.executable, "-X", "warn_default_encoding", SCRIPT, *COMMANDS]
-    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert process.returncode == 0, process.stderr[-3000:]
-    written = (
-        "store.h5",
-        "model.safetensors",
-        "spectrum.svg",
-        "mine.toml",
-        "report of one/report.html",
-    )
-    assert all((tmp_path / name).is_file() for name in written)
+            recording = Recording(signal, 6400.0, name, label=label, condition=condition)
+            write_recording(recording, tmp_path / "data" / f"{name}.h5")
+
+    run_on_windows(INDEX, INSPECT, *FURTHER_COMMANDS, folder=tmp_path)
+
+    for name in ("store.h5", "model.safetensors", "spectrum.svg", "mine.toml"):
+        assert (tmp_path / name).is_file()
+    assert (tmp_path / "report of one" / "report.html").is_file()
+    # no temporary file is left
     assert not list(tmp_path.rglob(".swashtwin-*"))
 
 
-def test_recordings_are_indexed_and_inspected_without_what_only_posix_has(tmp_path: Path) -> None:
+def test_a_table_of_a_german_windows_is_indexed_and_inspected(tmp_path: Path) -> None:
+    # semicolons, decimal commas, the code page 1252 and line ends of two characters
+    lines = ["Zeit [s];Gehäuse [m/s²]"]
+    for row in range(400):
+        lines.append(f"{row / 100:.2f};{row % 7}".replace(".", ","))
+    content = "".join(f"{line}\r\n" for line in lines).encode("cp1252")
     (tmp_path / "data").mkdir()
-    text = "Zeit [s];Gehäuse [m/s²]\r\n" + "".join(
-        f"{n / 100:.2f};{n % 7}\r\n".replace(".", ",") for n in range(400)
-    )
-    (tmp_path / "data" / "normal_0.csv").write_bytes(text.encode("cp1252"))
-    command = [sys.executable, "-X", "warn_default_encoding", SCRIPT, *COMMANDS[:2]]
-    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert process.returncode == 0, process.stderr[-3000:]
+    (tmp_path / "data" / "normal_0.csv").write_bytes(content)
+
+    run_on_windows(INDEX, INSPECT, folder=tmp_path)
+
     assert b"\r" not in (tmp_path / "data" / "recordings.toml").read_bytes()
 
 
-def test_names_of_machines_become_names_that_every_system_takes() -> None:
-    names = [r"..\pump", "a:b", "CON", "lpt1.old", "x" * 300, "end. ", "", "Größe 1"]
-    files = [safe_file_name(name) for name in names]
-    assert files == ["_pump", "a_b", "CON_", "lpt1_.old", "x" * 100, "end._", "_", "Größe_1"]
-    assert [safe_file_name(file) for file in files] == files
+@pytest.mark.parametrize(
+    ("name", "file_name"),
+    [
+        pytest.param(r"..\pump", "_pump", id="path"),
+        pytest.param("a:b", "a_b", id="stream"),
+        pytest.param("CON", "CON_", id="device"),
+        pytest.param("lpt1.old", "lpt1_.old", id="device with a suffix"),
+        pytest.param("x" * 300, "x" * 100, id="long"),
+        pytest.param("end. ", "end._", id="dot and space at the end"),
+        pytest.param("", "_", id="empty"),
+        pytest.param("Größe 1", "Größe_1", id="umlaut and space"),
+    ],
+)
+def test_the_name_of_a_machine_becomes_a_file_name_of_every_system(
+    name: str, file_name: str
+) -> None:
+    assert safe_file_name(name) == file_name
+    assert safe_file_name(file_name) == file_name
 
 
-def test_a_file_whose_name_is_no_unicode_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_file_name_that_is_not_unicode_is_refused(tmp_path: Path) -> None:
+    # a byte of another encoding, as Python reads it from a folder
     index = {"format": 1, "recording": [{"file": "Pr\udcfcfung_1.csv"}]}
-    with pytest.raises(
-        DataError, match=r"'Pr\\udcfcfung_1.csv' is not valid Unicode.*rename the file"
-    ):
+
+    message = r"'Pr\\udcfcfung_1.csv' is not valid Unicode.*rename the file"
+    with pytest.raises(DataError, match=message):
         save_index(index, tmp_path / "recordings.toml")
 
 
-def test_an_index_on_another_drive_than_its_files_states_whole_paths(
+def test_an_index_on_another_drive_than_its_files_has_absolute_paths(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert relative_path(tmp_path / "a", tmp_path / "b" / "c.csv") == "../b/c.csv"
+    folder = tmp_path / "a"
+    file = tmp_path / "b" / "c.csv"
+    assert relative_path(folder, file) == "../b/c.csv"
 
-    def other_drive(path: Path, start: Path) -> str:
+    def relpath_between_drives(path: Path, start: Path) -> str:
         raise ValueError("path is on mount 'D:', start on mount 'C:'")
 
-    monkeypatch.setattr("os.path.relpath", other_drive)
-    assert (
-        relative_path(tmp_path / "a", tmp_path / "b" / "c.csv")
-        == (tmp_path / "b" / "c.csv").as_posix()
-    )
+    monkeypatch.setattr("os.path.relpath", relpath_between_drives)
+    assert relative_path(folder, file) == file.as_posix()

@@ -1,6 +1,4 @@
-"""Fault excitations against the paper's piecewise displacement, physics.md, and transforms of fine
-samples.
-"""
+"""Excitations by faults: the paper's piecewise displacement, physics.md, and fine transforms."""
 
 import math
 from collections.abc import Callable
@@ -10,7 +8,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from swashtwin.foundation import InputError, deg, mm, rpm, um
+from swashtwin.foundation import InputError, deg, mm, um
 from swashtwin.physics import interface_factors, slipper_displacements
 from swashtwin.physics.excitation import (
     bore_lines,
@@ -22,6 +20,7 @@ from swashtwin.physics.excitation import (
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,
+    Fault,
     OperatingCondition,
     Pump,
     SwashPlateDefect,
@@ -29,9 +28,10 @@ from swashtwin.pump import (
 )
 
 DEFECT = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24))
-PAPERS_SPEED = rpm(860)
-ENTRIES = ("center", "edge")
-EDGES = ("half_sine", "raised_cosine")
+Entry = Literal["center", "edge"]
+Edge = Literal["half_sine", "raised_cosine"]
+ENTRIES = pytest.mark.parametrize("entry", ["center", "edge"])
+EDGES = pytest.mark.parametrize("edge", ["half_sine", "raised_cosine"])
 
 
 def sampled_lines(
@@ -42,12 +42,13 @@ def sampled_lines(
     return np.fft.rfft(function(angle))[1 : n_lines + 1] * 2 / points
 
 
-def of_radius(pump: Pump, radius: float) -> Pump:
+def with_pitch_radius(pump: Pump, radius: float) -> Pump:
     return replace(pump, rotating_group=replace(pump.rotating_group, pitch_radius=mm(radius)))
 
 
-@pytest.mark.parametrize(
-    ("entry", "radius", "times", "overlap", "in_defect", "total"),
+# Radii at which neighbors overlap clearly, overlap little, and (R = 35 mm, by centers) do not.
+STAGE_CASES = pytest.mark.parametrize(
+    ("entry", "radius", "stage_ms", "overlap_ms", "slippers_in_recess", "summed_heights_mm"),
     [
         ("center", 26, (4.70, 3.42, 12.81), 2.85, (1, 2), (0.49, 0.57, 0.60)),
         ("center", 31, (3.94, 2.87, 10.75), 0.78, (1, 2), (0.18, 0.47, 0.60)),
@@ -56,87 +57,135 @@ def of_radius(pump: Pump, radius: float) -> Pump:
         ("edge", 35, (6.98, 2.54, 16.50), 6.53, (1, 2), (0.60, 0.69, 0.80)),
     ],
 )
-def test_the_stages_are_those_tabulated(
+"""Entry and radius [mm]; rise, dwell and total time of a slipper; its overlap with the next one;
+minimum and maximum number of slippers in the recess; minimum, mean and maximum of their sum.
+"""
+
+
+@STAGE_CASES
+def test_the_stages_of_a_passage_are_those_tabulated(
     pump: Pump,
     at_15: OperatingCondition,
-    entry: Literal["center", "edge"],
+    entry: Entry,
     radius: float,
-    times: tuple[float, float, float],
-    overlap: float,
-    in_defect: tuple[int, int],
-    total: tuple[float, float, float],
+    stage_ms: tuple[float, float, float],
+    overlap_ms: float,
+    slippers_in_recess: tuple[int, int],
+    summed_heights_mm: tuple[float, float, float],
 ) -> None:
-    pump, defect = of_radius(pump, radius), replace(DEFECT, entry=entry)
+    pump = with_pitch_radius(pump, radius)
+    defect = replace(DEFECT, entry=entry)
+
+    # half a unit of the last digit in the table, and a margin
     stage = stages(pump, defect)
-    milliseconds = [1e3 * turned / at_15.speed for turned in (stage.rise, stage.dwell, stage.total)]
-    np.testing.assert_allclose(milliseconds, times, atol=0.006)
-    assert milliseconds[2] - 1e3 * at_15.period / 7 == pytest.approx(overlap, abs=0.01)
-    heights = slipper_displacements(pump, at_15, defect, np.linspace(0, at_15.period, 20001)[:-1])
+    angles = np.array([stage.rise, stage.dwell, stage.total])
+    times = 1e3 * angles / at_15.speed
+    np.testing.assert_allclose(times, stage_ms, atol=0.006)
+    pitch = 1e3 * at_15.period / 7
+    assert times[2] - pitch == pytest.approx(overlap_ms, abs=0.01)
+
+    time = np.linspace(0, at_15.period, 20001)[:-1]
+    heights = slipper_displacements(pump, at_15, defect, time)
     count = (heights > 0).sum(axis=0)
-    assert (count.min(), count.max()) == in_defect
+    assert (count.min(), count.max()) == slippers_in_recess
     summed = 1e3 * heights.sum(axis=0)
-    np.testing.assert_allclose([summed.min(), summed.mean(), summed.max()], total, atol=0.006)
+    np.testing.assert_allclose(
+        [summed.min(), summed.mean(), summed.max()], summed_heights_mm, atol=0.006
+    )
 
 
 def test_the_first_slipper_follows_the_papers_formula(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
+    d = mm(0.6)
     speed = at_15.speed * mm(26)
-    first, second, third = mm(11) / speed, mm(19) / speed, mm(30) / speed
+    t1 = mm(11) / speed  # half a slipper
+    t2 = mm(19) / speed  # the recess less half a slipper
+    t3 = mm(30) / speed  # the recess
     start = (DEFECT.angle - mm(15) / mm(26)) / at_15.speed
-    since = np.array(
-        [-1e-4, 0.0, 0.3 * first, first, 0.5 * (first + second), second + 1e-4, third, third + 1e-4]
-    )
-    expected = mm(0.6) * np.array(
-        [
-            0,
-            0,
-            math.sin(0.15 * math.pi),
-            1,
-            1,
-            math.sin(math.pi / 2 * (third - second - 1e-4) / (third - second)),
-            0,
-            0,
-        ]
-    )
-    heights = slipper_displacements(pump, at_15, DEFECT, start + since)[0]
-    np.testing.assert_allclose(heights, expected, atol=1e-12)
+    after_exit_begins = 1e-4
+    expected_heights = {
+        -1e-4: 0.0,
+        0.0: 0.0,
+        0.3 * t1: d * math.sin(0.15 * math.pi),
+        t1: d,
+        0.5 * (t1 + t2): d,
+        t2 + after_exit_begins: d
+        * math.sin(math.pi / 2 * (t3 - t2 - after_exit_begins) / (t3 - t2)),
+        t3: 0.0,
+        t3 + 1e-4: 0.0,
+    }
+
+    time = start + np.array(list(expected_heights))
+    heights = slipper_displacements(pump, at_15, DEFECT, time)[0]
+
+    np.testing.assert_allclose(heights, list(expected_heights.values()), atol=1e-12)
 
 
-@pytest.mark.parametrize("entry", ENTRIES)
-@pytest.mark.parametrize("edge", EDGES)
+@ENTRIES
+@EDGES
 @pytest.mark.parametrize("length", [mm(30), mm(22), mm(16)])
-def test_displacement_is_continuous_and_a_raised_cosine_has_no_velocity_jump(
-    pump: Pump,
-    entry: Literal["center", "edge"],
-    edge: Literal["half_sine", "raised_cosine"],
-    length: float,
-) -> None:
-    defect = replace(DEFECT, entry=entry, edge=edge, length=length)
-    angle = np.linspace(0, 2 * math.pi, 200001)
-    height, slope = slipper_profile(pump, defect, angle)
-    spacing = angle[1]
-    bound = math.pi / 2 * height.max() / stages(pump, defect).rise
-    assert np.abs(np.diff(height)).max() <= 1.01 * spacing * bound
-    jump = np.abs(np.diff(slope)).max()
-    assert jump > 0.9 * bound if edge == "half_sine" else jump < 1e-3 * bound
-    smooth = np.abs(np.diff(slope)) < 0.5 * bound
-    np.testing.assert_allclose(
-        np.diff(height)[smooth] / spacing,
-        (0.5 * (slope[1:] + slope[:-1]))[smooth],
-        atol=2e-4 * bound,
-    )
+class TestProfile:
+    """Recesses longer than a slipper (22 mm), as long, and shorter."""
+
+    @pytest.fixture
+    def defect(self, entry: Entry, edge: Edge, length: float) -> SwashPlateDefect:
+        return replace(DEFECT, entry=entry, edge=edge, length=length)
+
+    @pytest.fixture
+    def angle(self) -> np.ndarray:
+        return np.linspace(0, 2 * math.pi, 200001)
+
+    @staticmethod
+    def steepest_slope(pump: Pump, defect: SwashPlateDefect, height: np.ndarray) -> float:
+        """Slope of a quarter sine of this height over the rise [m/rad]."""
+        return math.pi / 2 * height.max() / stages(pump, defect).rise
+
+    def test_displacement_is_continuous(
+        self, pump: Pump, defect: SwashPlateDefect, angle: np.ndarray
+    ) -> None:
+        height, _ = slipper_profile(pump, defect, angle)
+        steepest = self.steepest_slope(pump, defect, height)
+        assert np.abs(np.diff(height)).max() <= 1.01 * angle[1] * steepest
+
+    def test_only_a_raised_cosine_has_no_velocity_jump(
+        self, pump: Pump, defect: SwashPlateDefect, angle: np.ndarray
+    ) -> None:
+        height, slope = slipper_profile(pump, defect, angle)
+        steepest = self.steepest_slope(pump, defect, height)
+        jump = np.abs(np.diff(slope)).max()
+        if defect.edge == "half_sine":
+            assert jump > 0.9 * steepest
+        else:
+            assert jump < 1e-3 * steepest
+
+    def test_the_slope_is_the_derivative_of_the_displacement(
+        self, pump: Pump, defect: SwashPlateDefect, angle: np.ndarray
+    ) -> None:
+        height, slope = slipper_profile(pump, defect, angle)
+        steepest = self.steepest_slope(pump, defect, height)
+        difference_quotient = np.diff(height) / angle[1]
+        mean_slope = 0.5 * (slope[1:] + slope[:-1])
+        # a difference over a velocity jump has no derivative to be compared with
+        smooth = np.abs(np.diff(slope)) < 0.5 * steepest
+        np.testing.assert_allclose(
+            difference_quotient[smooth], mean_slope[smooth], atol=2e-4 * steepest
+        )
 
 
-@pytest.mark.parametrize("entry", ENTRIES)
-@pytest.mark.parametrize("edge", EDGES)
+@ENTRIES
+@EDGES
 @pytest.mark.parametrize("length", [mm(30), mm(16)])
-@pytest.mark.parametrize("scatter", [None, (1.1, 1.0, 1.0, 0.9, 1.0, 1.05, 1.0)])
+@pytest.mark.parametrize(
+    "scatter",
+    [None, (1.1, 1.0, 1.0, 0.9, 1.0, 1.05, 1.0)],
+    ids=["equal slippers", "unequal slippers"],
+)
 def test_displacement_lines_are_the_transform_of_the_displacement(
     pump: Pump,
     at_15: OperatingCondition,
-    entry: Literal["center", "edge"],
-    edge: Literal["half_sine", "raised_cosine"],
+    entry: Entry,
+    edge: Edge,
     length: float,
     scatter: tuple[float, ...] | None,
 ) -> None:
@@ -147,24 +196,33 @@ def test_displacement_lines_are_the_transform_of_the_displacement(
         return weights @ slipper_displacements(pump, at_15, defect, angle / at_15.speed)
 
     lines = displacement_lines(pump, at_15, defect, 300, scatter=scatter)
+
     np.testing.assert_allclose(lines, sampled_lines(height, 300), atol=2e-13)
-    assert np.abs(lines).max() > 1e-6
+    assert np.abs(lines).max() > 1e-6  # far above the tolerance
 
 
-def test_displacement_lines_have_the_reference_amplitudes(
+def test_equal_slippers_have_the_reference_lines_at_multiples_of_their_count(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
     lines = np.abs(displacement_lines(pump, at_15, DEFECT, 70))
-    np.testing.assert_allclose(
-        lines[[6, 13, 20, 27]], [um(44.3), um(0.0156), um(20.5), um(13.2)], rtol=4e-3
-    )
-    assert np.all(lines[np.arange(1, 71) % 7 != 0] == 0)
-    deeper = np.abs(displacement_lines(pump, at_15, DEFECT, 70, scatter=(1.1, *[1.0] * 6)))
-    np.testing.assert_allclose(
-        deeper[[0, 1, 6, 20]], [um(15.6), um(14), um(44.9), um(20.8)], rtol=4e-3
-    )
+    amplitudes = lines[[6, 13, 20, 27]]
+    reference = [um(44.3), um(0.0156), um(20.5), um(13.2)]
+    np.testing.assert_allclose(amplitudes, reference, rtol=4e-3)
+
+    off_multiples = np.arange(1, 71) % 7 != 0
+    assert np.all(lines[off_multiples] == 0)
 
 
+def test_a_slipper_that_differs_adds_the_reference_line_at_the_shaft_frequency(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    first_differs = (1.1, *[1.0] * 6)
+    lines = np.abs(displacement_lines(pump, at_15, DEFECT, 70, scatter=first_differs))
+    amplitudes = lines[[0, 1, 6, 20]]
+    np.testing.assert_allclose(amplitudes, [um(15.6), um(14), um(44.9), um(20.8)], rtol=4e-3)
+
+
+# the whole turn, as its ends meet, is the limit
 @pytest.mark.parametrize("half_width", [5, 25, 180])
 @pytest.mark.parametrize("bore", [0, 3])
 def test_bore_lines_are_the_transform_of_the_displacement(
@@ -173,57 +231,86 @@ def test_bore_lines_are_the_transform_of_the_displacement(
     defect = BoreDefect(um(50), half_width=deg(half_width), bore=bore)
 
     def height(angle: np.ndarray) -> np.ndarray:
-        offset = np.mod(angle + 2 * math.pi * bore / 7 - deg(270) + math.pi, 2 * math.pi) - math.pi
-        return (
-            um(50)
-            * np.cos(math.pi * offset / (2 * deg(half_width)))
-            * (np.abs(offset) < deg(half_width))
-        )
+        piston = angle + 2 * math.pi * bore / 7
+        from_center = np.mod(piston - deg(270) + math.pi, 2 * math.pi) - math.pi
+        cap = np.cos(math.pi * from_center / (2 * deg(half_width)))
+        return um(50) * cap * (np.abs(from_center) < deg(half_width))
 
-    np.testing.assert_allclose(
-        bore_lines(pump, defect, 200), sampled_lines(height, 200), atol=1e-13
-    )
+    lines = bore_lines(pump, defect, 200)
+    np.testing.assert_allclose(lines, sampled_lines(height, 200), atol=1e-13)
 
 
 def test_a_worn_valve_plate_softens_its_film(pump: Pump) -> None:
-    worn = interface_factors(ValvePlateWear(um(10)), pump)
-    assert (worn.block_valve.stiffness, worn.block_valve.damping) == pytest.approx((0.5, 0.125))
-    softer = interface_factors(ValvePlateWear(um(10), stiffness_exponent=2.0), pump)
-    assert softer.block_valve.stiffness == pytest.approx(0.25)
-    for fault in (None, DamScratch(1e-6), ValvePlateWear(0.0)):
-        assert interface_factors(fault, pump).values() == (1.0,) * 6
+    # the wear doubles the film of 10 um: stiffness falls as 1/h, damping as 1/h^3
+    worn = interface_factors(ValvePlateWear(um(10)), pump).block_valve
+    assert (worn.stiffness, worn.damping) == pytest.approx((0.5, 0.125))
+
+    softer = interface_factors(ValvePlateWear(um(10), stiffness_exponent=2.0), pump).block_valve
+    assert softer.stiffness == pytest.approx(0.25)
 
 
-def test_excitation_that_does_not_fit_the_pump_is_refused(
+@pytest.mark.parametrize(
+    "fault",
+    [None, DamScratch(1e-6), ValvePlateWear(0.0)],
+    ids=["healthy", "dam scratch", "no wear"],
+)
+def test_without_wear_the_interfaces_are_unchanged(pump: Pump, fault: Fault | None) -> None:
+    assert interface_factors(fault, pump).values() == (1.0,) * 6
+
+
+def test_a_recess_as_long_as_the_track_of_the_slippers_is_refused(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    with pytest.raises(
-        InputError, match=r"length \(150 mm\) fills the slippers' whole track of 163.4 mm"
-    ):
-        displacement_lines(pump, at_15, replace(DEFECT, length=mm(150), entry="edge"), 7)
+    long_recess = replace(DEFECT, length=mm(150), entry="edge")
+    message = r"length \(150 mm\) fills the slippers' whole track of 163.4 mm"
+    with pytest.raises(InputError, match=message):
+        displacement_lines(pump, at_15, long_recess, 7)
+
+
+@pytest.mark.parametrize(
+    ("defect", "message"),
+    [
+        (BoreDefect(um(50), bore=7), r"BoreDefect.bore \(7\) must be 0 to 6"),
+        (BoreDefect(um(50), half_width=deg(200)), r"half_width \(200 deg\) must not exceed 180"),
+    ],
+    ids=["bore that the pump lacks", "wider than a turn"],
+)
+def test_a_bore_defect_that_does_not_fit_the_pump_is_refused(
+    pump: Pump, defect: BoreDefect, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        bore_lines(pump, defect, 7)
+
+
+def test_scatter_needs_one_value_for_each_slipper(pump: Pump, at_15: OperatingCondition) -> None:
     with pytest.raises(InputError, match=r"shape \(3,\) of scatter: give one value for each of 7"):
         displacement_lines(pump, at_15, DEFECT, 7, scatter=(1.0, 1.0, 1.0))
-    with pytest.raises(InputError, match=r"BoreDefect.bore \(7\) must be 0 to 6"):
-        bore_lines(pump, BoreDefect(um(50), bore=7), 7)
-    with pytest.raises(InputError, match=r"half_width \(200 deg\) must not exceed 180"):
-        bore_lines(pump, BoreDefect(um(50), half_width=deg(200)), 7)
+
+
+def test_a_number_of_lines_that_is_not_positive_is_refused(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     with pytest.raises(InputError, match=r"n_lines \(0\)"):
         displacement_lines(pump, at_15, DEFECT, 0)
 
 
 @pytest.mark.parametrize("contact", ["shared", "lift_off"])
-def test_half_of_a_recess_is_followed_at_its_corner(
-    pump: Pump, at_15: OperatingCondition, contact: Literal["shared", "lift_off"]
+def test_half_of_a_recess_is_followed_at_its_corner_frequency(
+    at_15: OperatingCondition, contact: Literal["shared", "lift_off"]
 ) -> None:
     corner = 28 * at_15.shaft_frequency
-    own, limited = (
-        followed_share(replace(DEFECT, contact=contact, corner=value), np.array([1e-9, corner]))
-        for value in (0.0, corner)
-    )
+    frequency = np.array([1e-9, corner])
+    unlimited = followed_share(replace(DEFECT, contact=contact, corner=0.0), frequency)
+    limited = followed_share(replace(DEFECT, contact=contact, corner=corner), frequency)
+
     np.testing.assert_allclose(limited, [1, 0.5])
-    assert own[1] > 0.98
-    lines = [
-        displacement_lines(pump, at_15, replace(DEFECT, corner=value), 28)
-        for value in (0.0, corner)
-    ]
-    assert lines[1][-1] == pytest.approx(lines[0][-1] / 2)
+    assert unlimited[1] > 0.98
+
+
+def test_a_corner_frequency_halves_its_displacement_line(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    corner = 28 * at_15.shaft_frequency
+    unlimited = displacement_lines(pump, at_15, replace(DEFECT, corner=0.0), 28)
+    limited = displacement_lines(pump, at_15, replace(DEFECT, corner=corner), 28)
+    assert limited[-1] == pytest.approx(unlimited[-1] / 2)

@@ -1,6 +1,4 @@
-"""A fault from outside the package, written in the places that CONTRIBUTING.md names: it simulates,
-saves and loads.
-"""
+"""A fault from outside the package, as CONTRIBUTING.md describes: it simulates, saves and loads."""
 
 import json
 from collections.abc import Iterator
@@ -39,9 +37,7 @@ from swashtwin.pump.faults import _faults
 
 @dataclass(frozen=True)
 class CrackedPlate(Fault):
-    """Crack in the valve plate under one bore: that chamber leaks, and the plate's film is
-    softer.
-    """
+    """Crack in the valve plate under one bore: its chamber leaks, and the film is softer."""
 
     label: ClassVar[str] = "cracked_plate"
 
@@ -56,15 +52,14 @@ register_severity(CrackedPlate, SeveritySearch((Dimension("conductance", "mm³/(
 
 @added_leakage.register(CrackedPlate)
 def _(fault: CrackedPlate, pump: Pump) -> AddedLeakage:
-    first = np.arange(pump.rotating_group.piston_count) == 0
-    return AddedLeakage(conductance=np.where(first, fault.conductance, 0.0))
+    is_cracked = np.arange(pump.rotating_group.piston_count) == 0
+    return AddedLeakage(conductance=np.where(is_cracked, fault.conductance, 0.0))
 
 
 @interface_factors.register(CrackedPlate)
 def _(fault: CrackedPlate, pump: Pump) -> Interfaces:
-    return Interfaces(
-        UNCHANGED.slipper_swash, Interface(1.0, fault.softening), UNCHANGED.piston_bore
-    )
+    softened = Interface(1.0, fault.softening)
+    return Interfaces(UNCHANGED.slipper_swash, softened, UNCHANGED.piston_bore)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -75,22 +70,38 @@ def _registered() -> Iterator[None]:
 
 
 def lines_of(pump: Pump, condition: OperatingCondition, fault: Fault | None) -> dict[int, complex]:
+    """Lines of the first channel by shaft order."""
     twin = Twin(pump, condition, fault, bandwidth=1500)
     return dict(zip(twin.orders.tolist(), twin.acceleration()[0].tolist(), strict=True))
 
 
-def test_an_own_fault_is_read_as_the_shell_writes_it() -> None:
-    assert read_fault("cracked_plate") == CrackedPlate(1e-12)
-    assert read_fault(
-        "Cracked plate", conductance="2e-12 m^3/(s*Pa)", softening="0.9"
-    ) == CrackedPlate(2e-12, 0.9)
-    with pytest.raises(
-        InputError, match="cracked_plate has no dimension 'depth'; it has conductance, softening"
-    ):
+@pytest.mark.parametrize(
+    ("name", "dimensions", "expected"),
+    [
+        ("cracked_plate", {}, CrackedPlate(1e-12)),
+        (
+            "Cracked plate",
+            {"conductance": "2e-12 m^3/(s*Pa)", "softening": "0.9"},
+            CrackedPlate(2e-12, 0.9),
+        ),
+    ],
+    ids=["typical", "other spelling and dimensions"],
+)
+def test_a_registered_fault_is_read_from_its_name_and_dimensions(
+    name: str, dimensions: dict[str, str], expected: Fault
+) -> None:
+    assert read_fault(name, **dimensions) == expected
+
+
+def test_an_unknown_dimension_of_a_registered_fault_is_refused_with_the_known_ones() -> None:
+    message = "cracked_plate has no dimension 'depth'; it has conductance, softening"
+    with pytest.raises(InputError, match=message):
         read_fault("cracked_plate", depth="1 mm")
 
 
-def test_an_installed_fault_is_found_by_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_installed_fault_is_discovered_by_its_entry_point(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     class EntryPoint:
         name = "cracked_plate"
 
@@ -99,19 +110,29 @@ def test_an_installed_fault_is_found_by_its_entry_point(monkeypatch: pytest.Monk
 
     groups = {"swashtwin.faults": [EntryPoint()]}
     monkeypatch.setattr("swashtwin.pump.faults.entry_points", lambda group: groups[group])
+
+    # by its name, and, forgotten again, by its type
     monkeypatch.delitem(_faults, "cracked_plate")
     assert read_fault("Cracked plate", softening="0.9") == CrackedPlate(1e-12, 0.9)
     monkeypatch.delitem(_faults, "cracked_plate")
     assert fault_type("CrackedPlate") is CrackedPlate
 
 
-def test_an_own_fault_acts_by_its_registered_effects(pump: Pump, at_15: OperatingCondition) -> None:
-    healthy, none = lines_of(pump, at_15, None), lines_of(pump, at_15, CrackedPlate(0.0))
-    assert healthy == none
-    cracked = lines_of(pump, at_15, CrackedPlate(1e-12))
-    assert set(healthy) < set(
-        cracked
-    )  # one piston differs: lines between the multiples of the piston count
+def test_an_own_fault_of_no_severity_changes_no_line(pump: Pump, at_15: OperatingCondition) -> None:
+    assert lines_of(pump, at_15, CrackedPlate(0.0)) == lines_of(pump, at_15, None)
+
+
+def test_a_registered_leak_of_one_chamber_adds_lines(pump: Pump, at_15: OperatingCondition) -> None:
+    healthy = lines_of(pump, at_15, None)
+    leaking = lines_of(pump, at_15, CrackedPlate(1e-12))
+    # one piston differs: lines between the multiples of the piston count
+    assert set(healthy) < set(leaking)
+
+
+def test_a_registered_softening_changes_lines_and_adds_none(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    healthy = lines_of(pump, at_15, None)
     soft = lines_of(pump, at_15, CrackedPlate(0.0, softening=0.8))
     assert set(soft) == set(healthy)
     assert soft != healthy
@@ -123,22 +144,28 @@ def test_a_twin_with_an_own_fault_is_saved_and_loaded(
     twin = Twin(pump, at_15, CrackedPlate(1e-12, softening=0.9))
     table = json.loads(json.dumps(twin_to_dict(twin)))
     assert twin_from_dict(table).fault == twin.fault
+
+
+def test_a_saved_fault_that_is_not_registered_is_refused(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    table = twin_to_dict(Twin(pump, at_15, CrackedPlate(1e-12)))
     table["fault"]["kind"] = "Unheard"
-    with pytest.raises(
-        InputError, match=r"No fault of the type Unheard is registered.*register_fault"
-    ):
+    message = r"No fault of the type Unheard is registered.*register_fault"
+    with pytest.raises(InputError, match=message):
         twin_from_dict(table)
 
 
 def test_the_severity_of_an_own_fault_is_estimated(pump: Pump, at_15: OperatingCondition) -> None:
-    healthy = Twin(pump, at_15, bandwidth=1000)
-    recording = healthy.with_fault(CrackedPlate(2e-12)).simulate(2.0, 4000, recording_id="worn")
-    sound = healthy.simulate(2.0, 4000, recording_id="sound")
+    twin = Twin(pump, at_15, bandwidth=1000)
+    healthy = twin.simulate(2.0, 4000, recording_id="healthy")
+    cracked = twin.with_fault(CrackedPlate(2e-12)).simulate(2.0, 4000, recording_id="cracked")
+
     calibration = calibrate(
-        healthy, [sound], method=GaussNewton(starts=1), nuisances=Nuisances(), band=(0, 1000)
+        twin, [healthy], method=GaussNewton(starts=1), nuisances=Nuisances(), band=(0, 1000)
     )
-    trend = estimate_severity(calibration, [recording], CrackedPlate(1e-12))
-    (estimate,) = trend.estimates
+    (estimate,) = estimate_severity(calibration, [cracked], CrackedPlate(1e-12)).estimates
+
     assert isinstance(estimate.fault, CrackedPlate)
     assert estimate.fault.conductance == pytest.approx(2e-12, rel=0.1)
 
@@ -158,6 +185,7 @@ def test_the_severity_of_an_own_fault_is_estimated(pump: Pump, at_15: OperatingC
             "Fault2 is not a fault: derive a frozen dataclass from Fault",
         ),
     ],
+    ids=["name of a fault", "name of the healthy state", "not a dataclass"],
 )
 def test_a_fault_that_cannot_be_registered_is_refused(
     name: str, typical: Fault, message: str
@@ -166,9 +194,8 @@ def test_a_fault_that_cannot_be_registered_is_refused(
         register_fault(name, typical)
 
 
-def test_a_search_begins_with_the_severity() -> None:
-    with pytest.raises(
-        InputError,
-        match=r"CrackedPlate has the dimensions conductance, softening; .* begin with cond",
-    ):
-        register_severity(CrackedPlate, SeveritySearch((Dimension("softening", "", 1.0),)))
+def test_a_severity_search_must_begin_with_the_first_dimension() -> None:
+    search = SeveritySearch((Dimension("softening", "", 1.0),))
+    message = r"CrackedPlate has the dimensions conductance, softening; .* begin with cond"
+    with pytest.raises(InputError, match=message):
+        register_severity(CrackedPlate, search)

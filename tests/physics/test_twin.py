@@ -1,6 +1,4 @@
-"""The twin against the levels that physics.md quotes, its solvers against each other, its
-gradients, its refusals.
-"""
+"""The twin: levels that physics.md quotes, solvers against each other, gradients, and errors."""
 
 import math
 from dataclasses import replace
@@ -11,9 +9,11 @@ import torch
 
 from swashtwin.foundation import InputError, deg, mm, um
 from swashtwin.physics import RK4, Scales, SensorPath, Twin
+from swashtwin.physics.dynamics import Topology
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,
+    Fault,
     GrooveErosion,
     Interfaces,
     LooseSlipper,
@@ -26,9 +26,18 @@ from swashtwin.pump import (
     ValvePlateWear,
 )
 
-RECESS = {"depth": mm(0.6), "length": mm(30), "width": mm(24)}
-WIDE = 10034.0
+RECESS = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24))
+NARROW_RECESS = replace(RECESS, width=mm(11))
+"""Half as wide as a slipper."""
+WIDE_BANDWIDTH_HZ = 10034.0
 """The band of the levels in physics.md: 700 shaft orders."""
+
+
+def fault_name(parameter: object) -> str | None:
+    """Id of a fault in a test's name; other parameters keep pytest's."""
+    if isinstance(parameter, SwashPlateDefect):
+        return f"{parameter.contact} recess" + ("" if parameter.off_axis else " on the axis")
+    return type(parameter).__name__ if isinstance(parameter, Fault) else None
 
 
 def rms(lines: np.ndarray) -> np.ndarray:
@@ -46,27 +55,32 @@ def off_piston_pass(twin: Twin) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("topology", "fault", "expected"),
+    ("topology", "fault", "expected"),  # rms of each channel [m/s^2]
     [
         ("T1", None, (1.41, 1.78, 0.02)),
         ("T2", None, (1.36, 1.34, 0.01)),
-        ("T1", SwashPlateDefect(**RECESS, off_axis=False), (6.57, 2.49, 0.02)),
-        ("T1", SwashPlateDefect(**RECESS), (6.57, 2.49, 1.34)),
-        ("T1", SwashPlateDefect(**RECESS, contact="literal", off_axis=False), (49.37, 11.99, 0.02)),
-        ("T1", SwashPlateDefect(**RECESS, contact="physical"), (1.39, 1.76, 0.02)),
-        ("T2", SwashPlateDefect(**RECESS, off_axis=False), (16.71, 4.99, 0.01)),
-        ("T2", SwashPlateDefect(**RECESS), (16.71, 4.99, 11.53)),
+        ("T1", replace(RECESS, off_axis=False), (6.57, 2.49, 0.02)),
+        ("T1", RECESS, (6.57, 2.49, 1.34)),
+        ("T1", replace(RECESS, contact="literal", off_axis=False), (49.37, 11.99, 0.02)),
+        ("T1", replace(RECESS, contact="physical"), (1.39, 1.76, 0.02)),
+        ("T2", replace(RECESS, off_axis=False), (16.71, 4.99, 0.01)),
+        ("T2", RECESS, (16.71, 4.99, 11.53)),
         ("T1", PistonWear(um(60)), (1.38, 1.83, 0.02)),
         ("T1", SealingLandScratch(2.5e-12), (1.38, 1.83, 0.02)),
         ("T1", DamScratch(1e-6), (1.22, 1.51, 0.02)),
         ("T1", GrooveErosion(deg(6)), (1.33, 1.31, 0.01)),
         ("T1", BoreDefect(um(300)), (1.37, 1.76, 0.02)),
     ],
+    ids=fault_name,
 )
 def test_levels_are_those_of_the_reference_model(
-    pump: Pump, at_15: OperatingCondition, topology: str, fault: object, expected: tuple[float, ...]
+    pump: Pump,
+    at_15: OperatingCondition,
+    topology: Topology,
+    fault: Fault | None,
+    expected: tuple[float, ...],
 ) -> None:
-    twin = Twin(pump, at_15, fault, topology=topology, bandwidth=WIDE)  # type: ignore[arg-type]
+    twin = Twin(pump, at_15, fault, topology=topology, bandwidth=WIDE_BANDWIDTH_HZ)
     np.testing.assert_allclose(rms(lines_of(twin)), expected, rtol=0.01, atol=0.006)
 
 
@@ -74,7 +88,7 @@ def test_the_identified_dampings_of_the_paper_change_the_levels_as_in_the_refere
     pump: Pump, at_15: OperatingCondition
 ) -> None:
     interfaces = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
-    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS), interfaces, bandwidth=WIDE)
+    twin = Twin(pump, at_15, RECESS, interfaces, bandwidth=WIDE_BANDWIDTH_HZ)
     np.testing.assert_allclose(rms(lines_of(twin)), (10.84, 3.47, 4.77), rtol=0.01)
 
 
@@ -85,103 +99,134 @@ def test_the_identified_dampings_of_the_paper_change_the_levels_as_in_the_refere
         (BoreDefect(um(300)), 0.0466),
         (SealingLandScratch(2.5e-12), 0.0322),
     ],
+    ids=fault_name,
 )
 def test_one_bad_piston_puts_energy_off_the_piston_pass_lines(
-    pump: Pump, at_15: OperatingCondition, fault: object, share: float
+    pump: Pump, at_15: OperatingCondition, fault: Fault | None, share: float
 ) -> None:
-    twin = Twin(pump, at_15, fault, bandwidth=WIDE)  # type: ignore[arg-type]
+    twin = Twin(pump, at_15, fault, bandwidth=WIDE_BANDWIDTH_HZ)
     assert off_piston_pass(twin)[0] == pytest.approx(share, rel=0.03)
 
 
 def test_a_tilted_block_face_adds_sidebands_one_shaft_order_from_the_piston_pass_lines(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    healthy = Twin(pump, at_15, bandwidth=1000)
-    tilted = healthy.with_fault(TiltedBlockFace(0.2))
-    level = dict(zip(tilted.orders.tolist(), np.abs(lines_of(tilted)[1]), strict=True))
+    tilted = Twin(pump, at_15, TiltedBlockFace(0.2), bandwidth=1000)
+    amplitudes = np.abs(lines_of(tilted)[1])
+    amplitude = dict(zip(tilted.orders.tolist(), amplitudes, strict=True))
+
+    # beside the sixth piston-pass line, 42: neighbors, and the orders beyond them
     for sideband, beyond in ((41, 40), (43, 44)):
-        assert level[sideband] > 20 * level[beyond]
-        assert level[sideband] > 1e-3 * level[42]
-    barely = healthy.with_fault(TiltedBlockFace(1e-9))
-    at = np.isin(barely.orders, healthy.orders)
-    np.testing.assert_allclose(lines_of(barely)[:, at], lines_of(healthy), rtol=1e-5, atol=1e-9)
+        assert amplitude[sideband] > 20 * amplitude[beyond]
+        assert amplitude[sideband] > 1e-3 * amplitude[42]
+
+
+def test_a_tilt_that_vanishes_leaves_the_healthy_lines(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    healthy = Twin(pump, at_15, bandwidth=1000)
+    barely_tilted = healthy.with_fault(TiltedBlockFace(1e-9))
+    has_healthy_line = np.isin(barely_tilted.orders, healthy.orders)
+    lines = lines_of(barely_tilted)[:, has_healthy_line]
+    np.testing.assert_allclose(lines, lines_of(healthy), rtol=1e-5, atol=1e-9)
 
 
 def test_rk4_in_steady_state_is_harmonic_balance(pump: Pump, at_15: OperatingCondition) -> None:
-    """To 1e-7 up to 1 kHz; at 5 kHz RK4's own phase error shows (step 0.5 us)."""
-    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS), bandwidth=1000)
-    exact, stepped = lines_of(twin), twin.acceleration(solver=RK4(step=2e-7)).detach().numpy()
+    # up to 1 kHz; at 5 kHz the phase error of RK4 shows (step 0.5 us)
+    twin = Twin(pump, at_15, RECESS, bandwidth=1000)
+    exact = lines_of(twin)
+    stepped = twin.acceleration(solver=RK4(step=2e-7)).detach().numpy()
     assert np.abs(stepped - exact).max() < 1e-7 * np.abs(exact).max()
 
 
 @pytest.mark.parametrize(
     ("fault", "topology"),
     [
-        (SwashPlateDefect(**RECESS), "T1"),
-        (SwashPlateDefect(**RECESS), "T2"),
-        (SwashPlateDefect(**RECESS, contact="physical"), "T1"),
+        (RECESS, "T1"),
+        (RECESS, "T2"),
+        (replace(RECESS, contact="physical"), "T1"),
         (BoreDefect(um(300)), "T1"),
         (ValvePlateWear(um(5)), "T1"),
         (TiltedBlockFace(0.2), "T1"),
     ],
+    ids=fault_name,
 )
 def test_acceleration_has_exact_gradients(
-    pump: Pump, at_15: OperatingCondition, fault: object, topology: str
+    pump: Pump, at_15: OperatingCondition, fault: Fault | None, topology: Topology
 ) -> None:
+    # a tilted face couples all orders, which takes long
     bandwidth = 120 if isinstance(fault, TiltedBlockFace) else 300
-    twin = Twin(pump, at_15, fault, bandwidth=bandwidth, topology=topology)  # type: ignore[arg-type]
-    scale = twin.values
+    twin = Twin(pump, at_15, fault, bandwidth=bandwidth, topology=topology)
+    nominal_values = twin.values
 
-    def read(relative: torch.Tensor, scales: torch.Tensor) -> torch.Tensor:
-        return torch.view_as_real(twin.acceleration(relative * scale, scales=scales))
+    def lines(factors: torch.Tensor, scales: torch.Tensor) -> torch.Tensor:
+        return torch.view_as_real(twin.acceleration(factors * nominal_values, scales=scales))
 
-    relative = torch.ones(6, dtype=torch.float64, requires_grad=True)
+    factors = torch.ones(6, dtype=torch.float64, requires_grad=True)
     scales = torch.ones(11, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(read, (relative, scales))
+    assert torch.autograd.gradcheck(lines, (factors, scales))
 
 
-def test_a_simulation_has_the_lines_it_was_made_of(pump: Pump, at_15: OperatingCondition) -> None:
-    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS))
-    period = 1024
-    recording = twin.simulate(4 * at_15.period, period / at_15.period)
-    assert (recording.label, recording.synthetic, recording.channels) == (
-        "swash_plate",
-        True,
-        pump.channels,
-    )
+def test_a_simulation_contains_the_lines_of_its_twin(pump: Pump, at_15: OperatingCondition) -> None:
+    twin = Twin(pump, at_15, RECESS)
+    samples_per_revolution = 1024
+    recording = twin.simulate(4 * at_15.period, samples_per_revolution / at_15.period)
+
     spectrum = np.fft.rfft(recording.signal, axis=1) * 2 / recording.signal.shape[1]
     np.testing.assert_allclose(spectrum[:, 4 * twin.orders], lines_of(twin), atol=2e-2)
 
 
-def test_scales_act_on_what_they_name(pump: Pump, at_15: OperatingCondition) -> None:
-    twin = Twin(pump, at_15, SwashPlateDefect(**RECESS))
-    louder = Twin(pump, at_15, SwashPlateDefect(**RECESS), scales=Scales(sensor=2.0))
+def test_a_simulation_is_labeled_as_a_synthetic_recording_of_its_fault(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    twin = Twin(pump, at_15, RECESS)
+    recording = twin.simulate(4 * at_15.period, 1024 / at_15.period)
+    assert recording.label == "swash_plate"
+    assert recording.synthetic is True
+    assert recording.channels == pump.channels
+
+
+def test_the_scale_of_the_sensors_multiplies_their_lines(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    twin = Twin(pump, at_15, RECESS)
+    louder = replace(twin, scales=Scales(sensor=2.0))
     np.testing.assert_allclose(lines_of(louder), 2 * lines_of(twin))
-    deeper = Twin(pump, at_15, SwashPlateDefect(depth=mm(1.2), length=mm(30), width=mm(24)))
-    stronger = Twin(pump, at_15, SwashPlateDefect(**RECESS), scales=Scales(excitation=2.0))
+
+
+def test_the_scale_of_the_excitation_acts_as_a_deeper_recess(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    stronger = Twin(pump, at_15, RECESS, scales=Scales(excitation=2.0))
+    deeper = Twin(pump, at_15, replace(RECESS, depth=mm(1.2)))
     np.testing.assert_allclose(lines_of(stronger), lines_of(deeper))
 
 
 def test_the_fourth_piston_pass_line_is_the_tallest_of_the_cover(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
+    # physics.md 4: 401 Hz lies on the axial mode
     twin = Twin(pump, at_15)
-    strongest = twin.orders[np.abs(lines_of(twin)[0]).argmax()]
-    assert strongest * at_15.shaft_frequency == pytest.approx(401, abs=1)
-    assert math.isclose(abs(lines_of(twin)[0, twin.orders == 28][0]), 1.251, rel_tol=0.01)
+    cover = np.abs(lines_of(twin)[0])
+    tallest_order = twin.orders[cover.argmax()]
+    assert tallest_order * at_15.shaft_frequency == pytest.approx(401, abs=1)
+    assert math.isclose(cover[twin.orders == 28][0], 1.251, rel_tol=0.01)
 
 
 @pytest.mark.parametrize("topology", ["T1", "T2"])
 @pytest.mark.parametrize(
-    "fault", [None, SwashPlateDefect(**RECESS), PistonWear(um(60)), LooseSlipper(mm(0.2))]
+    "fault", [None, RECESS, PistonWear(um(60)), LooseSlipper(mm(0.2))], ids=fault_name
 )
-def test_single_precision_is_off_by_ten_thousandths_of_the_largest_line(
-    pump: Pump, at_15: OperatingCondition, fault: object, topology: str
+def test_single_precision_differs_by_ten_thousandths_of_the_largest_line(
+    pump: Pump, at_15: OperatingCondition, fault: Fault | None, topology: str
 ) -> None:
-    twin = Twin(pump, at_15, fault, topology=topology)  # type: ignore[arg-type]
+    twin = Twin(pump, at_15, fault, topology=topology)
     values = twin.values * torch.tensor([[0.5], [1.0], [2.0]], dtype=torch.float64)
-    exact, single = twin.acceleration(values), twin.acceleration(values.float())
+    exact = twin.acceleration(values)
+    single = twin.acceleration(values.float())
+
     assert single.dtype == torch.complex64
+    # of each set of values; not exact either, or the precision would not be single
     error = (single - exact).abs().amax(dim=(1, 2)) / exact.abs().amax(dim=(1, 2))
     assert 1e-7 < float(error.max()) < 3e-4
 
@@ -193,8 +238,9 @@ def test_single_precision_is_off_by_ten_thousandths_of_the_largest_line(
         ({0: 0.0, 5: -1.0}, {}, r"slipper_swash.damping \(0\)"),
         ({}, {1: -0.5}, r"scales.bearing \(-0.5\)"),
     ],
+    ids=["stiffness", "first of two dampings and stiffnesses", "scale"],
 )
-def test_a_spring_that_would_push_is_refused_by_name(
+def test_values_and_scales_that_are_not_positive_are_refused_by_name(
     pump: Pump,
     at_15: OperatingCondition,
     values: dict[int, float],
@@ -202,45 +248,59 @@ def test_a_spring_that_would_push_is_refused_by_name(
     name: str,
 ) -> None:
     twin = Twin(pump, at_15)
-    batch, factors = (
-        twin.values.repeat(3, 1),
-        torch.ones(3, len(Scales().values()), dtype=torch.float64),
-    )
+    batch = twin.values.repeat(3, 1)
+    factors = torch.ones(3, len(Scales().values()), dtype=torch.float64)
     for index, value in values.items():
         batch[2, index] = value
     for index, value in scales.items():
         factors[1, index] = value
+
     with pytest.raises(InputError, match=name + " must be positive"):
         twin.acceleration(batch.requires_grad_(), scales=factors)
 
 
-def test_a_twin_says_where_a_slipper_bridges_its_defect(
+def test_a_twin_reports_that_slippers_bridge_a_narrow_recess(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    slipper = pump.rotating_group.slipper_diameter
-    narrow = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=slipper / 2)
-    note = Twin(pump, at_15, narrow).notes()[0]
+    note = Twin(pump, at_15, NARROW_RECESS).notes()[0]
     assert "smaller than a slipper" in note
+    # d min(1, w/a)^2
     assert "depth of 0.6 mm counts as 0.15 mm" in note
     assert "extrapolation" in note
-    for fault in (None, SwashPlateDefect(**RECESS), replace(narrow, depth=0.0), PistonWear(um(60))):
-        assert not any(
-            "smaller than a slipper" in note for note in Twin(pump, at_15, fault).notes()
-        )
 
 
-def test_a_sensor_path_bends_what_the_rigid_shell_does(
+@pytest.mark.parametrize(
+    "fault",
+    [None, RECESS, replace(NARROW_RECESS, depth=0.0), PistonWear(um(60))],
+    ids=["healthy", "wide recess", "no depth", "other fault"],
+)
+def test_a_twin_reports_no_bridging_without_a_narrow_recess(
+    pump: Pump, at_15: OperatingCondition, fault: Fault | None
+) -> None:
+    notes = Twin(pump, at_15, fault).notes()
+    assert not any("smaller than a slipper" in note for note in notes)
+
+
+def test_a_sensor_path_multiplies_the_lines_by_gain_and_housing_modes(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    twin = Twin(pump, at_15, SwashPlateDefect(mm(0.07), mm(30), mm(24)))
-    path = SensorPath((2.0, 1.0, 1.0), (1204.0,), (0.03,), ((0.0,), (0.1,), (0.0,)))
-    bent, rigid = (
-        candidate.acceleration().abs().numpy() for candidate in (replace(twin, path=path), twin)
+    rigid = Twin(pump, at_15, replace(RECESS, depth=mm(0.07)))
+    path = SensorPath(
+        gain=(2.0, 1.0, 1.0),
+        frequency=(1204.0,),
+        damping_ratio=(0.03,),
+        residue=((0.0,), (0.1,), (0.0,)),
     )
-    np.testing.assert_allclose(bent[0], 2 * rigid[0])
-    np.testing.assert_allclose(bent[2], rigid[2])
-    near = int(np.argmin(np.abs(twin.orders * at_15.shaft_frequency - 1204)))
-    assert bent[1, near] / rigid[1, near] == pytest.approx(np.hypot(1, 0.1 / 0.06), rel=0.03)
+    lines = np.abs(lines_of(rigid))
+    bent_lines = np.abs(lines_of(replace(rigid, path=path)))
+
+    np.testing.assert_allclose(bent_lines[0], 2 * lines[0])
+    np.testing.assert_allclose(bent_lines[2], lines[2])
+
+    # at resonance, in quadrature: the residue over twice the damping ratio
+    resonance = np.argmin(np.abs(rigid.orders * at_15.shaft_frequency - 1204))
+    amplification = bent_lines[1, resonance] / lines[1, resonance]
+    assert amplification == pytest.approx(np.hypot(1, 0.1 / 0.06), rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -249,24 +309,32 @@ def test_a_sensor_path_bends_what_the_rigid_shell_does(
         ({"residue": ((0.1,), (0.1,))}, "a residue for"),
         ({"gain": (1.0, -1.0, 1.0)}, "must be positive"),
     ],
+    ids=["two residues for three channels", "negative gain"],
 )
-def test_impossible_paths_are_refused(changes: dict, message: str) -> None:
-    good = {
-        "gain": (1.0, 1.0, 1.0),
-        "frequency": (1e3,),
-        "damping_ratio": (0.03,),
-        "residue": ((0.1,),) * 3,
-    }
+def test_impossible_sensor_paths_are_refused(changes: dict, message: str) -> None:
+    valid = SensorPath(
+        gain=(1.0, 1.0, 1.0),
+        frequency=(1e3,),
+        damping_ratio=(0.03,),
+        residue=((0.1,),) * 3,
+    )
     with pytest.raises(InputError, match=message):
-        SensorPath(**{**good, **changes})
+        replace(valid, **changes)
 
 
-def test_a_channel_reads_its_shares_of_the_others(pump: Pump, at_15: OperatingCondition) -> None:
+def test_crosstalk_adds_shares_of_the_rigid_channels_before_the_gain(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     shares = ((0.0, 0.1, -0.2), (0.05, 0.0, 0.0), (0.0, 0.3, 0.0))
+    gains = (2.0, 1.0, 1.0)
     plain = Twin(pump, at_15, bandwidth=1000)
-    mixed = replace(plain, path=SensorPath((2.0, 1.0, 1.0), cross_talk=shares))
-    lines = plain.acceleration().numpy()
-    expected = np.array([2.0, 1.0, 1.0])[:, None] * (lines + np.array(shares) @ lines)
-    np.testing.assert_allclose(mixed.acceleration().numpy(), expected, rtol=1e-12)
+    mixed = replace(plain, path=SensorPath(gains, cross_talk=shares))
+
+    lines = lines_of(plain)
+    expected = np.array(gains)[:, None] * (lines + np.array(shares) @ lines)
+    np.testing.assert_allclose(lines_of(mixed), expected, rtol=1e-12)
+
+
+def test_crosstalk_needs_a_share_for_each_pair_of_channels() -> None:
     with pytest.raises(InputError, match="a share for each pair"):
         SensorPath((1.0, 1.0), cross_talk=((0.0,), (0.0,)))

@@ -143,3 +143,35 @@ def test_where_meets_every_condition_and_leaves_out_nothing_that_does(
     message = str(refusal.value)
     assert all(repr(value) in message for value in (label, specimen) if value is not None)
     assert label is None or all((name or "none") in message for name, _ in facts)
+
+
+def test_samples_cannot_be_changed_behind_the_recordings_back() -> None:
+    signal = np.ones((1, 8))
+    recording = Recording(signal, 10.0, "a", channels=("x",), speed=np.full(8, 150.0))
+    copy = recording.replace(label="worn")
+
+    # Slices and copies share the samples, and their hashes are kept.
+    with pytest.raises(ValueError, match="read-only"):
+        recording.signal[0, 0] = 5.0
+    assert recording.speed is not None
+    with pytest.raises(ValueError, match="read-only"):
+        recording.speed[0] = 0.0
+    assert copy.signal[0, 0] == 1.0
+
+    signal[0, 0] = 7.0  # the caller's own array stays writable, and is another one
+    assert recording.signal[0, 0] == 1.0
+
+
+def test_attributes_are_copied_from_the_callers_mapping() -> None:
+    attributes = {"sensor": "A"}
+    recording = Recording(np.ones((1, 8)), 10.0, "a", attributes=attributes)
+
+    attributes["sensor"] = "B"
+
+    assert recording.attributes == {"sensor": "A"}
+
+
+def test_two_channels_of_one_name_are_refused() -> None:
+    # The second could never be selected, and every table would show one of them twice.
+    with pytest.raises(DataError, match="a: 2 channels are named 'x'"):
+        Recording(np.ones((3, 8)), 10.0, "a", channels=("x", "y", "x"))

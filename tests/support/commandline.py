@@ -60,7 +60,8 @@ def write_tones(folder: Path, count: int) -> Path:
 
 def run(*arguments: object, code: int = 0) -> Result:
     """What a command printed, after it ended with `code`."""
-    result = CliRunner().invoke(app, [str(word) for word in arguments])
+    # A wide terminal: in a narrow one, the length of a test's folder decides where a message breaks.
+    result = CliRunner().invoke(app, [str(word) for word in arguments], env={"COLUMNS": "200"})
     if result.exit_code == INTERRUPTED != code:
         raise KeyboardInterrupt  # Ctrl-C ends the tests, not the command alone
 

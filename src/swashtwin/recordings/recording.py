@@ -101,16 +101,19 @@ class Recording:
                 f"{recording_id}: {len(channels)} channel names for {samples.shape[0]} channels."
             )
 
+        channels = tuple(plain_text(name) for name in channels)
+        _require_unique_channels(recording_id, channels)
+
         facts = {
             "sample_rate": sample_rate,
             "recording_id": recording_id,
-            "channels": tuple(plain_text(name) for name in channels),
+            "channels": channels,
             "unit": unit,
             "label": plain_text(label or "") or None,
             "condition": condition,
             "specimen": plain_text(specimen or "") or None,
             "synthetic": synthetic,
-            "attributes": {} if attributes is None else attributes,
+            "attributes": dict(attributes or {}),
             "samples": samples,
         }
         for name, value in facts.items():
@@ -132,7 +135,10 @@ class Recording:
 
     @property
     def signal(self) -> Float[np.ndarray, "channel time"]:
-        """Samples in `unit`, float64, which are read on first use and then stay in memory."""
+        """Samples in `unit`, which are read on first use and then stay in memory.
+
+        The array cannot be written to; change a copy, and `replace` the signal by it.
+        """
         return self.samples.signal
 
     @property
@@ -284,6 +290,16 @@ def _require_sample_rate(recording_id: str, sample_rate: object) -> None:
         raise DataError(
             f"{recording_id}: sample_rate ({sample_rate!r} Hz) must be a positive number."
         )
+
+
+def _require_unique_channels(recording_id: str, channels: Sequence[str]) -> None:
+    for name, count in Counter(channels).items():
+        if count > 1:
+            raise DataError(
+                f"{recording_id}: {count} channels are named {name!r}; each channel needs its own "
+                "name.",
+                field="names",
+            )
 
 
 def _combine_samples(

@@ -120,8 +120,24 @@ class Samples:
         samples = cls(name, shape, signal.dtype, speed is not None, None, origin=origin)
         if speed is not None:
             require_speed(name, speed, shape[1])
-        samples._arrays = (signal, speed)
+        samples._hold(signal, speed)
         return samples
+
+    def _hold(
+        self, signal: np.ndarray, speed: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Keep samples in memory, as arrays that cannot be written to.
+
+        Slices share them, and hashes that were computed of them are kept: a changed sample would
+        leave both wrong.
+        """
+        signal = signal.view()
+        signal.flags.writeable = False
+        if speed is not None:
+            speed = speed.view()
+            speed.flags.writeable = False
+        self._arrays = (signal, speed)
+        return self._arrays
 
     @property
     def signal(self) -> Float[np.ndarray, "channel time"]:
@@ -135,7 +151,7 @@ class Samples:
             speed = self.speed_part(0, count)
             if speed is not None:
                 require_speed(self.name, speed, count)
-            arrays = self._arrays = (self.signal_part(0, count), speed)
+            arrays = self._hold(self.signal_part(0, count), speed)
         return arrays[0]
 
     @property
@@ -212,7 +228,7 @@ class Samples:
         shape = (len(rows), self.shape[1])
         samples = Samples(self.name, shape, self.dtype, self.has_speed, open_selected)
         if self._arrays is not None:
-            samples._arrays = (self.signal[list(rows)], self.speed)
+            samples._hold(self.signal[list(rows)], self.speed)
         return samples
 
     def unopened(self) -> "Samples":

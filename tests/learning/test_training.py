@@ -339,9 +339,9 @@ def test_predictions_are_probabilities_names_and_features():
     assert classifier.predict(windows).tolist() == [CLASSES[i] for i in probability.argmax(axis=1)]
     assert classifier.embed(windows).shape == (20, 12)
 
-    assert classifier.sample_rate == 1000.0
-    assert classifier.length == 64
-    assert classifier.channels == ("acceleration",)
+    assert classifier.layout.sample_rate == 1000.0
+    assert classifier.layout.length == 64
+    assert classifier.layout.channels == ("acceleration",)
     with pytest.raises(InputError, match="sample rate 1000 Hz against 2000 Hz"):
         classifier.predict_proba(replace(windows, sample_rate=2000.0))
 

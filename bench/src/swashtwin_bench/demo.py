@@ -188,7 +188,7 @@ def _select_validation(recordings: Sequence[Recording], run: Run, plan: Plan) ->
 def _with_confidence(
     classifier: FittedClassifier, validation: Sequence[Recording]
 ) -> FittedClassifier:
-    windows = cut_windows(validation, length=classifier.length, classes=classifier.classes)
+    windows = cut_windows(validation, length=classifier.layout.length, classes=classifier.classes)
     # Few validation recordings do not support every error rate.
     error_rate = allowed_error_rate(len(validation), _ERROR_RATE)
     return learn_confidence(classifier, windows, error_rate=error_rate)

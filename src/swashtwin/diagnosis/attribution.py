@@ -233,8 +233,8 @@ def _attribute_to_samples(
     n_samples = signal.shape[1]
     margin = float(change.mean())
 
-    bands = signal_bands(classifier.sample_rate, shaft, n_samples)
-    sums = band_sums(line_shares(signal, slope), bands, classifier.sample_rate, n_samples)
+    bands = signal_bands(classifier.layout.sample_rate, shaft, n_samples)
+    sums = band_sums(line_shares(signal, slope), bands, classifier.layout.sample_rate, n_samples)
     return {
         "baseline": "silence",
         "margin": margin,
@@ -272,9 +272,9 @@ def _attribute_to_features(
     turns = float(windows.turns_per_sample[0])
     if not np.isfinite(turns):
         turns = network.settings["turns"]
-    bands = evidence_bands(classifier.sample_rate, shaft, classifier.length)
-    catalogue = network.catalogue(classifier.length)
-    shares = feature_shares(catalogue, bands, classifier.sample_rate, turns)
+    bands = evidence_bands(classifier.layout.sample_rate, shaft, classifier.layout.length)
+    catalogue = network.catalogue(classifier.layout.length)
+    shares = feature_shares(catalogue, bands, classifier.layout.sample_rate, turns)
     return {
         "baseline": "the mean of the training",
         "margin": margin,

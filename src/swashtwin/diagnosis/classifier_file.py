@@ -1,6 +1,5 @@
 """A fitted classifier as a file: an artifact whose card names the network and holds its weights."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -16,21 +15,12 @@ from swashtwin.foundation import (
     translate_load_errors,
 )
 from swashtwin.learning import (
-    N_STATISTICS,
     NETWORKS,
-    CandidateChoice,
-    Confidence,
-    Epoch,
     FittedClassifier,
-    Normalization,
-    RecordingModel,
-    TrainingReference,
-    TrainingSettings,
-    WindowLayout,
+    TrainedState,
     network_class,
     rebuild_network,
 )
-from swashtwin.recordings import Manifest
 
 KIND = "classifier"
 """Kind of the artifact."""
@@ -62,72 +52,21 @@ class _Network:
     weights: dict[str, np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class _Card:
-    """A `FittedClassifier` with its network by name."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Card(TrainedState):
+    """A `FittedClassifier` with its network by name, and its pump prior."""
 
     network: _Network
-    classes: tuple[str, ...]
-    layout: WindowLayout
-    normalization: Normalization
-    settings: TrainingSettings
-    seed: int
-    history: tuple[Epoch, ...]
-    manifest: Manifest
-    pressures: tuple[float, ...]
-    speeds: tuple[float, ...]
-    training_reference: TrainingReference | None
-    choice: CandidateChoice | None
-    fault_of: Mapping[str, str]
-    confidence: Confidence | None
-    recordings: RecordingModel | None
-    baseline_confidence: Confidence | None
     resemblance: Resemblance | None
 
-    def __post_init__(self) -> None:
-        n_channels = len(self.layout.channels)
-        n_classes = len(self.classes)
 
-        if not n_classes or len(set(self.classes)) < n_classes:
-            raise ValueError("it has no classes, or a class twice")
-        if self.layout.length < 2 or not self.layout.sample_rate > 0 or not n_channels:
-            raise ValueError(
-                "its windows are shorter than 2 samples, or have no positive sample rate, or no "
-                "channel"
-            )
-
-        network_sizes = [self.network.settings.get(key) for key in ("n_channels", "n_classes")]
-        # True equals 1, so a Boolean would pass the comparison.
-        has_bool = any(isinstance(size, bool) for size in network_sizes)
-        if network_sizes != [n_channels, n_classes] or has_bool:
-            raise ValueError(
-                f"its network is not for {n_channels} channel(s) and {n_classes} classes"
-            )
-
-        shapes = {self.normalization.mean.shape, self.normalization.deviation.shape}
-        if shapes != {(n_channels,)}:
-            raise ValueError(
-                f"its normalization does not have one value for each of {n_channels} channel(s)"
-            )
-
-        reference = self.training_reference
-        if reference is not None and reference.statistics.shape[1:] != (n_channels, N_STATISTICS):
-            raise ValueError("its training reference has other channels or statistics")
-
-        for confidence in (self.confidence, self.baseline_confidence):
-            if confidence is not None:
-                target = confidence.target
-                if not ((target >= 0) & (target < n_classes)).all():
-                    raise ValueError("confidence.target holds indices that are not of a class")
-
-        if self.recordings is not None:
-            self.recordings.require_sizes(n_channels, n_classes)
-
-
-# Fields that a `FittedClassifier` and its card have in common.
-_SHARED_FIELDS = tuple(
-    field.name for field in fields(_Card) if field.name not in ("network", "resemblance")
-)
+def _fields_but_network(state: TrainedState) -> dict[str, Any]:
+    """Return what a `FittedClassifier` and its card have in common, by name."""
+    return {
+        field.name: getattr(state, field.name)
+        for field in fields(TrainedState)
+        if field.name != "network"
+    }
 
 
 def save_classifier(
@@ -152,11 +91,10 @@ def save_classifier(
             "loaded; register it first."
         )
 
-    shared = {name: getattr(classifier, name) for name in _SHARED_FIELDS}
     card = _Card(
-        _Network(network.name, network.settings, network.weights),
+        network=_Network(network.name, network.settings, network.weights),
         resemblance=resemblance,
-        **shared,
+        **_fields_but_network(classifier),
     )
     return save_artifact(path, KIND, _VERSION, card, may_be_nan=_MAY_BE_NAN)
 
@@ -189,8 +127,8 @@ def load_classifier_and_prior(path: Path | str) -> tuple[FittedClassifier, Resem
             ) from cause
         _require_plausible_settings(card.network, card.layout.length)
         network = rebuild_network(name, card.network.settings, card.network.weights)
-        shared = {name: getattr(card, name) for name in _SHARED_FIELDS}
-        return FittedClassifier(network, **shared), card.resemblance
+        classifier = FittedClassifier(network=network, **_fields_but_network(card))
+        return classifier, card.resemblance
 
 
 def _require_plausible_settings(network: _Network, window_length: int) -> None:

@@ -246,7 +246,7 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
     first_window = _strongest_stretch(margin)
     n_windows = min(MAX_WINDOWS, len(probability))
 
-    length = classifier.length
+    length = classifier.layout.length
     stretch = recording.replace(label=None).slice(
         first_window * length, (first_window + n_windows) * length
     )
@@ -263,9 +263,9 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
         label=ranked[0],
         rival=ranked[1],
         unknown=diagnosis.unknown,
-        start=first_window * length / classifier.sample_rate,
-        duration=len(windows) * length / classifier.sample_rate,
-        channels=classifier.channels,
+        start=first_window * length / classifier.layout.sample_rate,
+        duration=len(windows) * length / classifier.layout.sample_rate,
+        channels=classifier.layout.channels,
         pistons=diagnosis.facts.pistons,
         nearest=_nearest_recordings(classifier, features),
         checks=next_checks(*likely_faults, unknown=diagnosis.unknown),

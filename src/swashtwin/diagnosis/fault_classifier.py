@@ -369,9 +369,9 @@ class FaultClassifier(Estimator):
 
         classifier = cls(
             **parameters,
-            window=fitted.length,
+            window=fitted.layout.length,
             fault_of=dict(fitted.fault_of) or None,
-            sample_rate=fitted.sample_rate,
+            sample_rate=fitted.layout.sample_rate,
             seed=fitted.seed,
         )
         classifier.fitted_ = fitted

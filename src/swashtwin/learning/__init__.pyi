@@ -51,11 +51,11 @@ from .networks.registry import register_network as register_network
 from .networks.residual_branch import Branch as Branch
 from .networks.solved_network import SolvedNetwork as SolvedNetwork
 from .onnx_graph import onnx_model as onnx_model
-from .recordings.recording_model import RecordingModel as RecordingModel
 from .training.candidate_choice import CandidateChoice as CandidateChoice
 from .training.candidate_choice import Trial as Trial
 from .training.classifier import FittedClassifier as FittedClassifier
 from .training.classifier import Normalization as Normalization
+from .training.classifier import TrainedState as TrainedState
 from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence
 from .training.confidence import allowed_error_rate as allowed_error_rate
@@ -73,7 +73,6 @@ from .training.settings import with_gains as with_gains
 from .training.settings import with_speed_changes as with_speed_changes
 from .training.training_data import TrainingData as TrainingData
 from .training.training_data import prepare_training_data as prepare_training_data
-from .training.training_reference import N_STATISTICS as N_STATISTICS
 from .training.training_reference import DeviatingStatistic as DeviatingStatistic
 from .training.training_reference import TrainingReference as TrainingReference
 from .training.training_reference import deviating_statistics as deviating_statistics

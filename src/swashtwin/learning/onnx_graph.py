@@ -287,7 +287,7 @@ def _add_trees(graph: Graph, classifier: FittedClassifier, network: ExtraTrees) 
     from onnx import TensorProto, helper
 
     x = graph("Cast", _add_scaling(graph, classifier), to=TensorProto.DOUBLE)
-    features = _add_feature_values(graph, x, classifier.length)
+    features = _add_feature_values(graph, x, classifier.layout.length)
     features = graph("Cast", features, to=TensorProto.FLOAT)
 
     forest = network.forest

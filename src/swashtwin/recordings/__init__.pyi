@@ -21,7 +21,6 @@ from .findings import Finding as Finding
 from .formats.raw_file import SAMPLE_RATE_RANGE_HZ as SAMPLE_RATE_RANGE_HZ
 from .formats.raw_file import RawFile as RawFile
 from .formats.raw_file import ReadOptions as ReadOptions
-from .formats.sample_units import acceleration_factor as acceleration_factor
 from .formats.sample_units import require_sample_unit as require_sample_unit
 from .group_split import select_test_rows as select_test_rows
 from .grouping import GROUPS as GROUPS

@@ -1,7 +1,8 @@
 """A trained network, with everything that its use and its test need."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Shaped
@@ -13,7 +14,7 @@ from swashtwin.learning.recordings.recording_model import RecordingModel
 from swashtwin.learning.training.candidate_choice import CandidateChoice
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.settings import NORMALIZATIONS, Epoch, TrainingSettings
-from swashtwin.learning.training.training_reference import TrainingReference
+from swashtwin.learning.training.training_reference import N_STATISTICS, TrainingReference
 from swashtwin.learning.windows.cutting import cut_windows
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 from swashtwin.recordings import Manifest, Recording
@@ -80,12 +81,18 @@ def _nonzero(deviation: Float64[np.ndarray, "*axes"]) -> Float64[np.ndarray, "*a
     return np.where(deviation > 0, deviation, 1.0)
 
 
-@dataclass(frozen=True, eq=False)
-class FittedClassifier:
-    """A trained classifier of windows, as `fit` returns it."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrainedState:
+    """A trained classifier with its network in any form, in memory or in a file.
 
-    network: AnyNetwork
-    """Trained network; one of torch is in evaluation mode."""
+    Raises
+    ------
+    ValueError
+        Two fields contradict each other, as in a damaged file.
+    """
+
+    network: Any
+    """Network; its ``settings`` hold ``n_channels`` and ``n_classes``."""
     classes: tuple[str, ...]
     """Class names, in the order of the probabilities."""
     layout: WindowLayout
@@ -103,37 +110,69 @@ class FittedClassifier:
     """Discharge pressures it was trained at [Pa], ascending; empty if unknown."""
     speeds: tuple[float, ...]
     """Shaft speeds it was trained at [rad/s], ascending; empty if unknown."""
-    training_reference: TrainingReference | None = None
+    training_reference: TrainingReference | None
     """Features of the measured recordings it was trained on; None if there were none."""
-    choice: CandidateChoice | None = None
+    choice: CandidateChoice | None
     """Choice among candidates (`fit_best_candidate`); None if the network was specified."""
-    fault_of: Mapping[str, str] = field(default_factory=dict)
+    fault_of: Mapping[str, str]
     """Fault of the model (`swashtwin.pump`) for which a class of another name stands."""
-    confidence: Confidence | None = None
+    confidence: Confidence | None
     """Confidence (`learn_confidence`, `cross_fitted_confidence`); None if not calibrated."""
-    recordings: RecordingModel | None = None
+    recordings: RecordingModel | None
     """Heads on whole recordings (`fit_best_candidate`); None if the network was specified, or
     recordings were too short.
     """
-    baseline_confidence: Confidence | None = None
+    baseline_confidence: Confidence | None
     """Confidence of answers to machines whose healthy recordings the model knows; None if
     `confidence` is valid for them too.
     """
 
-    @property
-    def sample_rate(self) -> float:
-        """Samples per second and channel [Hz]."""
-        return self.layout.sample_rate
+    def __post_init__(self) -> None:
+        n_channels = len(self.layout.channels)
+        n_classes = len(self.classes)
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Name of each channel, in order."""
-        return self.layout.channels
+        if not n_classes or len(set(self.classes)) < n_classes:
+            raise ValueError("it has no classes, or a class twice")
+        if self.layout.length < 2 or not self.layout.sample_rate > 0 or not n_channels:
+            raise ValueError(
+                "its windows are shorter than 2 samples, or have no positive sample rate, or no "
+                "channel"
+            )
 
-    @property
-    def length(self) -> int:
-        """Samples per window and channel."""
-        return self.layout.length
+        network_sizes = [self.network.settings.get(key) for key in ("n_channels", "n_classes")]
+        # True equals 1, so a Boolean would pass the comparison.
+        has_bool = any(isinstance(size, bool) for size in network_sizes)
+        if network_sizes != [n_channels, n_classes] or has_bool:
+            raise ValueError(
+                f"its network is not for {n_channels} channel(s) and {n_classes} classes"
+            )
+
+        shapes = {self.normalization.mean.shape, self.normalization.deviation.shape}
+        if shapes != {(n_channels,)}:
+            raise ValueError(
+                f"its normalization does not have one value for each of {n_channels} channel(s)"
+            )
+
+        reference = self.training_reference
+        if reference is not None and reference.statistics.shape[1:] != (n_channels, N_STATISTICS):
+            raise ValueError("its training reference has other channels or statistics")
+
+        for confidence in (self.confidence, self.baseline_confidence):
+            if confidence is not None:
+                target = confidence.target
+                if not ((target >= 0) & (target < n_classes)).all():
+                    raise ValueError("confidence.target holds indices that are not of a class")
+
+        if self.recordings is not None:
+            self.recordings.require_sizes(n_channels, n_classes)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FittedClassifier(TrainedState):
+    """A trained classifier of windows, as `fit` returns it."""
+
+    network: AnyNetwork
+    """Trained network; one of torch is in evaluation mode."""
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Return the probability of each class for each window; rows sum to 1.
@@ -156,7 +195,10 @@ class FittedClassifier:
     def cut_windows(self, recordings: Iterable[Recording]) -> WindowSet:
         """Return windows of recordings as the classifier requires them."""
         return cut_windows(
-            recordings, length=self.length, classes=self.classes, allow_partial_revolution=True
+            recordings,
+            length=self.layout.length,
+            classes=self.classes,
+            allow_partial_revolution=True,
         )
 
     def confidence_of(self, specimen: str) -> Confidence | None:

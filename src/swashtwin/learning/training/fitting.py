@@ -114,6 +114,11 @@ def fit(
         pressures=distinct_values(windows.cell_pressure),
         speeds=distinct_values(windows.speed),
         training_reference=build_reference(windows, reference_features(windows)),
+        choice=None,
+        fault_of={},
+        confidence=None,
+        recordings=None,
+        baseline_confidence=None,
     )
 
 

@@ -13,6 +13,7 @@ from swashtwin.calibration.posterior import DOUBTFUL_MISFIT, Estimate, Posterior
 from swashtwin.calibration.search import History
 from swashtwin.foundation import (
     ArtifactError,
+    InputError,
     MissingFileError,
     as_path,
     from_table,
@@ -27,6 +28,7 @@ from swashtwin.pump import PARAMETERS, fault_type
 from swashtwin.recordings import Manifest
 
 FORMAT = "swashtwin calibration 9"
+_DERIVED = ("nominal_agreement", "calibrated_agreement")
 
 # Recordings that the source of a calibrated value names; of more, their number.
 _MAX_NAMED_RECORDINGS = 3
@@ -129,8 +131,8 @@ class Calibration:
         # the kind of a fault is not among its fields
         table["twin"] = twin_to_dict(self.twin)
         table["nominal"] = twin_to_dict(self.nominal)
-        table["nominal_agreement"] = asdict(self.nominal_agreement)
-        table["calibrated_agreement"] = asdict(self.calibrated_agreement)
+        for name in _DERIVED:
+            table[name] = asdict(getattr(self, name))
         return table
 
     def save(self, path: Path | str) -> Path:
@@ -182,20 +184,32 @@ def load_calibration(path: Path | str) -> Calibration:
 
     try:
         table = parse_json(read_text(path))
-        file_format = table["format"] if isinstance(table, dict) else None
-        if file_format == FORMAT:
-            for name in ("twin", "nominal"):
-                table[name] = twin_from_dict(table[name])
-            return from_table(table, Calibration)
-    except (KeyError, TypeError, ValueError, RecursionError) as cause:
+    except (ValueError, RecursionError) as cause:
         raise ArtifactError(
             f"{path}: not a calibration, or damaged: {str(cause)[:300].rstrip('.')}."
         ) from cause
 
-    raise ArtifactError(
-        f"{path}: its format is {file_format!r}, but this version reads {FORMAT!r}. Calibrate "
-        "again."
-    )
+    file_format = table.pop("format", None) if isinstance(table, dict) else None
+    if file_format != FORMAT:
+        raise ArtifactError(
+            f"{path}: its format is {file_format!r}, but this version reads {FORMAT!r}. Calibrate "
+            "again."
+        )
+
+    try:
+        for name in ("twin", "nominal"):
+            if name in table:
+                table[name] = twin_from_dict(table[name])
+        for name in _DERIVED:
+            if table.pop(name, None) is None:
+                raise InputError(f"{name} is missing")
+        return from_table(table, Calibration, complete=True)
+    except (KeyError, TypeError, ValueError, RecursionError) as cause:
+        reason = str(cause)[:300].rstrip(".")
+        raise ArtifactError(
+            f"{path}: a calibration that does not fit this swashtwin ({reason}); it was written by "
+            f"swashtwin {table.get('version')}, or edited. Calibrate again."
+        ) from cause
 
 
 def twin_to_dict(twin: Twin) -> dict[str, Any]:
@@ -216,8 +230,14 @@ def twin_from_dict(table: dict[str, Any]) -> Twin:
     InputError
         Something is missing or of another form.
     """
-    fault = table["fault"]
-    twin = from_table({**table, "fault": None}, Twin)
-    if fault is None:
+    if "fault" not in table:
+        raise InputError("fault is missing")
+    twin = from_table({**table, "fault": None}, Twin, complete=True)
+    if table["fault"] is None:
         return twin
-    return twin.with_fault(from_table(fault, fault_type(fault["kind"])))
+
+    fault = dict(table["fault"])
+    if "kind" not in fault:
+        raise InputError("fault.kind is missing")
+    kind = fault_type(fault.pop("kind"))
+    return twin.with_fault(from_table(fault, kind, complete=True))

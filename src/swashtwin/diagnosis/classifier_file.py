@@ -117,7 +117,7 @@ def load_classifier_and_prior(path: Path | str) -> tuple[FittedClassifier, Resem
     card = load_artifact(path, _Card, KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     name = card.network.name[:_MAX_NAME_CHARACTERS]
 
-    with translate_load_errors(path, KIND):
+    with translate_load_errors(path, KIND, advice):
         try:
             network_class(name)
         except InputError as cause:

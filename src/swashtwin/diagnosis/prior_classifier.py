@@ -557,20 +557,19 @@ class PriorClassifier:
             path, cls.KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN
         )
 
-        with translate_load_errors(path, cls.KIND):
+        with translate_load_errors(path, cls.KIND, advice):
             table: dict[str, Any] = dict(card)
-            for name, field_name in _ARRAY_FIELDS.items():
-                table[field_name] = arrays[name]
-            for part in _PARTS:
-                prefix = f"{part}_"
-                values = {
-                    name.removeprefix(prefix): array
-                    for name, array in arrays.items()
-                    if name.startswith(prefix)
-                }
-                if values:
-                    table[part] = values
-            return from_table(table, cls)
+            part_arrays: dict[str, dict[str, np.ndarray]] = {}
+            for name, array in arrays.items():
+                part, _, part_name = name.partition("_")
+                if name in _ARRAY_FIELDS:
+                    table[_ARRAY_FIELDS[name]] = array
+                elif part in _PARTS:
+                    part_arrays.setdefault(part, {})[part_name] = array
+                else:
+                    raise InputError(f"the array {name!r} is unknown")
+            parts = {part: part_arrays.get(part) for part in _PARTS}
+            return from_table({**table, **parts}, cls, complete=True)
 
 
 def _is_faulty(recording: Recording) -> bool:

@@ -118,10 +118,15 @@ def load_artifact(
     card, arrays = read_artifact(path, kind, version, advice=advice, may_be_nan=may_be_nan)
 
     def decode_array(array_type: type, entry: Any) -> Any:
-        return np.array(entry, str) if isinstance(entry, list) else arrays[entry[_ARRAY_KEY]]
+        if isinstance(entry, list):
+            return np.array(entry, str)
+        name = entry[_ARRAY_KEY]
+        if name not in arrays:
+            raise InputError(f"the array {name!r} is missing")
+        return arrays[name]
 
-    with translate_load_errors(path, kind):
-        return from_table(card, form, to_array=decode_array)
+    with translate_load_errors(path, kind, advice):
+        return from_table(card, form, to_array=decode_array, complete=True)
 
 
 def write_artifact(
@@ -244,10 +249,14 @@ def artifact_kind(path: Path | str) -> str:
 
 
 @contextmanager
-def translate_load_errors(path: Path | str, kind: str) -> Iterator[None]:
+def translate_load_errors(path: Path | str, kind: str, advice: str) -> Iterator[None]:
     """Raise an `ArtifactError` of one line for any error while an object is built from a card.
 
     A card whose checksum is right can still hold anything, since anybody can compute the checksum.
+
+    Parameters
+    ----------
+    advice : how to get a valid file; ends the message.
     """
     try:
         yield
@@ -264,10 +273,10 @@ def translate_load_errors(path: Path | str, kind: str) -> Iterator[None]:
         MemoryError,
     ) as cause:
         lines = str(cause).splitlines() or [type(cause).__name__]
-        reason = lines[0][:_MAX_REASON_CHARACTERS]
+        reason = lines[0][:_MAX_REASON_CHARACTERS].rstrip(".")
         raise ArtifactError(
-            f"{path} is a {kind} that does not fit this swashtwin ({reason}); was it saved by a "
-            "newer version?"
+            f"{path} is a {kind} that does not fit this swashtwin ({reason}); it was written by "
+            f"another version, or edited: {advice}."
         ) from cause
 
 

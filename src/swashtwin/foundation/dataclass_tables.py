@@ -67,6 +67,7 @@ def from_table(
     location: str = "",
     *,
     to_array: Callable[[type, Any], Any] | None = None,
+    complete: bool = False,
 ) -> T:
     """Return the object that `to_table` made a table of.
 
@@ -77,6 +78,8 @@ def from_table(
         (``forbid_unknown_fields``).
     location : file, and section of it, with which an error message begins.
     to_array : returns an array from its type and its entry in the table; by default from lists.
+    complete : whether the table must have every entry that `to_table` writes, and no other. A table
+        that swashtwin saved has them; in one that a person wrote, an entry may be left out.
 
     Raises
     ------
@@ -91,11 +94,37 @@ def from_table(
     swashtwin.foundation.errors.InputError: card.json: [1]: expected text, got a whole number: 1.
     """
     try:
-        return msgspec.convert(table, form, dec_hook=to_array or _array_from_lists, str_keys=True)
+        thing = msgspec.convert(table, form, dec_hook=to_array or _array_from_lists, str_keys=True)
     except msgspec.ValidationError as cause:
         misfit = _describe_misfit(str(cause), form, table)
         message = f"{location}: {misfit}." if location else f"{misfit}."
         raise InputError(message) from cause
+
+    if complete:
+        difference = _different_entry(table, to_table(thing, of_array=lambda array: None))
+        if difference:
+            raise InputError(f"{location}: {difference}." if location else f"{difference}.")
+    return thing
+
+
+def _different_entry(table: Any, written: Any, path: str = "") -> str:
+    """Describe the first entry that only one of two tables has; empty if they have the same."""
+    if isinstance(table, dict) and isinstance(written, dict):
+        # JSON makes texts of all keys.
+        entries = {str(key): value for key, value in table.items()}
+        written_entries = {str(key): value for key, value in written.items()}
+        prefix = f"{path}." if path else ""
+        for name in sorted(written_entries.keys() - entries.keys()):
+            return f"{prefix}{name} is missing"
+        for name in sorted(entries.keys() - written_entries.keys()):
+            return f"{prefix}{name} is unknown"
+        pairs = [(f"{prefix}{key}", entries[key], written_entries[key]) for key in entries]
+    elif isinstance(table, (list, tuple)) and isinstance(written, (list, tuple)):
+        numbered = enumerate(zip(table, written, strict=True))
+        pairs = [(f"{path}[{index}]", entry, other) for index, (entry, other) in numbered]
+    else:
+        return ""
+    return next(filter(None, (_different_entry(*pair[1:], pair[0]) for pair in pairs)), "")
 
 
 def _array_from_lists(array_type: type, values: Any) -> Any:

@@ -49,6 +49,10 @@ class CandidateChoice:
     short.
     """
 
+    def __post_init__(self) -> None:
+        if self.head_recalls and "without baseline" not in self.head_recalls:
+            raise ValueError("there is no recall without baseline")
+
     def sentence(self) -> str:
         """Describe the choice in sentences."""
         if not self.trials:
@@ -66,7 +70,7 @@ class CandidateChoice:
         text += "."
 
         if self.head_recalls:
-            without_baseline = 100 * self.head_recalls.get("without baseline", 0.0)
+            without_baseline = 100 * self.head_recalls["without baseline"]
             text += f" With heads on whole recordings {without_baseline:.0f} %"
             with_baseline = self.head_recalls.get("with baseline")
             if with_baseline is not None:

@@ -261,9 +261,8 @@ def load_checkpoint(
     InputError
         The file is of another run: the first difference is named with both values.
     """
-    saved = load_artifact(
-        path, _Checkpoint, _KIND, _VERSION, advice="delete it to start again", may_be_nan=None
-    )
+    advice = "delete it to start again"
+    saved = load_artifact(path, _Checkpoint, _KIND, _VERSION, advice=advice, may_be_nan=None)
     # As JSON holds it, such as tuples as lists.
     difference = first_difference(saved.run, json.loads(json.dumps(run)))
     if difference:
@@ -279,7 +278,7 @@ def load_checkpoint(
     weights = {name: torch.as_tensor(weight) for name, weight in saved.weights.items()}
     optimizer_state = optimizer.state_dict()
     optimizer_state["state"] = states
-    with translate_load_errors(path, _KIND):
+    with translate_load_errors(path, _KIND, advice):
         network.load_state_dict(weights)
         optimizer.load_state_dict(optimizer_state)
     return saved.history

@@ -289,7 +289,7 @@ def load_baseline(table: Mapping[str, Any]) -> OperatingPointBaseline:
             return np.empty((0, 0))
         return np.array(values, np.float64)
 
-    return from_table(table, OperatingPointBaseline, to_array=to_rows)
+    return from_table(table, OperatingPointBaseline, to_array=to_rows, complete=True)
 
 
 @lru_cache(maxsize=N_CACHED_LAYOUTS)

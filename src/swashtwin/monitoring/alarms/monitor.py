@@ -251,13 +251,13 @@ class OperatingPointState:
         """Return the state of two tables of the history.
 
         The history keeps them apart because the baseline is large and changes rarely.
+
+        Raises
+        ------
+        InputError
+            Another version of swashtwin wrote them.
         """
-        return cls(
-            load_baseline(baseline),
-            from_table(test["test"], ConformalTest),
-            from_table(test["pump"], AlarmState),
-            from_table(test["sensor"], AlarmState),
-        )
+        return from_table({**test, "baseline": load_baseline(baseline)}, cls, complete=True)
 
     @classmethod
     def initial(cls, recording: Recording, sensor: AlarmState) -> "OperatingPointState":

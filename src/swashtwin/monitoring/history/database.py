@@ -69,6 +69,9 @@ class Database:
         self._writer = self._engine.execution_options(is_write=True)
         try:
             self._prepare(is_new)
+        except DataError as cause:
+            self.close()
+            raise cause.with_context(f"{_name_database(self._engine.url)}: ") from cause
         except BaseException:
             self.close()
             raise
@@ -106,6 +109,7 @@ class Database:
             present_tables = set(inspect(connection).get_table_names())
             if Version.__tablename__ in present_tables:
                 _require_version(session.scalars(select(Version.version)).one())
+                _require_columns(connection)
                 return
 
             if not is_new:
@@ -131,6 +135,23 @@ def _require_version(version: int) -> None:
         )
 
 
+def _require_columns(connection: Connection) -> None:
+    """Require the tables of this swashtwin: a version number alone does not prove them."""
+    inspector = inspect(connection)
+    present_tables = set(inspector.get_table_names())
+    for name, table in Row.metadata.tables.items():
+        columns = set()
+        if name in present_tables:
+            columns = {column["name"] for column in inspector.get_columns(name)}
+        missing = [column.name for column in table.columns if column.name not in columns]
+        if missing:
+            raise DataError(
+                f"the history has version {SCHEMA_VERSION}, but its table {name} has no column "
+                f"{missing[0]}; another swashtwin created it. Use the swashtwin that created it, "
+                "or a new folder for the watch."
+            )
+
+
 def lock_machine(session: Session, name: str) -> None:
     """Lock a machine until the transaction ends, and add it if it is new."""
     lock = text("UPDATE machines SET sequence = sequence + 1 WHERE name = :name RETURNING name")
@@ -141,6 +162,13 @@ def lock_machine(session: Session, name: str) -> None:
     insert = text("INSERT INTO machines (name, sequence) VALUES (:name, 0) ON CONFLICT DO NOTHING")
     session.execute(insert, {"name": name})
     session.execute(lock, {"name": name})
+
+
+def _name_database(address: URL) -> str:
+    """Return the file of SQLite, or the URL of another database without its password."""
+    if address.get_backend_name() == "sqlite":
+        return str(address.database)
+    return address.render_as_string(hide_password=True)
 
 
 def _open_engine(url: str, folder: Path, *, is_new: bool) -> Engine:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from datetime import timedelta
 from typing import Any
 
-from swashtwin.foundation import DataError, to_table
+from swashtwin.foundation import DataError, InputError, to_table
 from swashtwin.monitoring.alarms.monitor import (
     AlarmChange,
     OperatingPointJudgment,
@@ -319,7 +319,15 @@ def _load_state(
     baseline = transaction.baseline(point.name)
     if stored is None or not stored.test or baseline is None:
         return None
-    return OperatingPointState.from_tables(baseline, stored.test)
+    try:
+        return OperatingPointState.from_tables(baseline, stored.test)
+    except InputError as cause:
+        raise RejectionError(
+            "points",
+            f"the history's state of {point.name} does not fit this swashtwin "
+            f"({str(cause).rstrip('.')}); another version wrote it. Use the swashtwin that wrote "
+            "it, or record a maintenance, which removes all operating points.",
+        ) from cause
 
 
 def _save_state(

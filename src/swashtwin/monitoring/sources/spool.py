@@ -18,7 +18,7 @@ from pathlib import Path
 import filelock
 import msgspec
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, from_table
 from swashtwin.monitoring.sources.delivery import Delivery, safe_name
 from swashtwin.recordings import suffix_of
 
@@ -29,6 +29,10 @@ MAX_REJECTED_FILES = 1000
 MAX_REJECTED_BYTES = 1 << 30
 """Bytes of rejected files that are kept."""
 _CARD_SUFFIX = ".json"
+_DAMAGED_CARD = (
+    "the card of the file is damaged, or another version of swashtwin wrote it; deliver the file "
+    "again."
+)
 _log = logging.getLogger("swashtwin.watch")
 
 
@@ -127,8 +131,9 @@ class Spool:
 
         card = self._folder / f"{key}{_CARD_SUFFIX}"
         try:
-            delivery = msgspec.json.decode(card.read_bytes(), type=Delivery)
-        except (msgspec.DecodeError, FileNotFoundError):
+            table = msgspec.json.decode(card.read_bytes())
+            delivery = from_table(table, Delivery, complete=True)
+        except (msgspec.DecodeError, InputError, FileNotFoundError):
             return self._damaged_file(key, card)
         except OSError as cause:
             _log.warning("%s cannot be read: %s", card, cause.strerror or cause)
@@ -140,9 +145,7 @@ class Spool:
         """Return a recording whose card is damaged, to be rejected."""
         data_paths = [path for path in self._folder.glob(f"{key}.*") if path != card]
         path = next(iter(data_paths), card)
-        delivery = Delivery(
-            "spool", path.name, datetime.now(UTC), problem="the card of the file is damaged."
-        )
+        delivery = Delivery("spool", path.name, datetime.now(UTC), problem=_DAMAGED_CARD)
         return SpoolFile(key, path, delivery)
 
     def remove(self, file: SpoolFile) -> None:

@@ -35,6 +35,15 @@ FORMAT = f"{KIND}3"
 STORE_FORMAT = f"{STORE_KIND}2"
 CONDITION = ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
 
+# Names of the data sets and attributes of a recording.
+_REQUIRED_FACTS = {
+    *("signal", "format", "sample_rate", "unit", "channels", "recording_id"),
+    *("synthetic", "attributes"),
+}
+_CONDITION_FACTS = {f"condition.{name}" for name in CONDITION}
+_OPTIONAL_FACTS = {"speed", "label", "specimen", "hashes"}
+_FACTOR = "factor"
+
 # Unpacked chunks of a file that are kept: those of a slice of all channels.
 _CACHE_BYTES = 1 << 24
 
@@ -61,6 +70,7 @@ def read(path: Path, options: ReadOptions) -> RawFile:
         return read_vectors(path, file, options)
 
     _require_format(path, file, FORMAT)
+    _require_known_facts(path, file, _REQUIRED_FACTS)
     return _read_recording(path, file)
 
 
@@ -68,6 +78,8 @@ def read_store(path: Path, options: ReadOptions) -> dict[str, RawFile]:
     """Return the recordings of a store by the names of their groups."""
     file = open_file(path, 0)  # slices are whole chunks: none is read twice
     _require_format(path, file, STORE_FORMAT)
+    for group in file.values():
+        _require_known_facts(path, group, _REQUIRED_FACTS | {_FACTOR})
     return {name: _read_recording(path, file[name]) for name in sorted(file)}
 
 
@@ -112,7 +124,7 @@ def _read_recording(path: Path, group: h5py.Group) -> RawFile:
     channels = json.loads(stored["channels"])
     attributes = json.loads(stored["attributes"])
     hashes = json.loads(stored["hashes"]) if "hashes" in stored else []
-    factors = [float(factor) for factor in stored.get("factor", np.ones(len(channels)))]
+    factors = [float(factor) for factor in stored.get(_FACTOR, np.ones(len(channels)))]
     _require_consistent_facts(path, signal, channels, attributes, hashes, factors)
 
     facts: dict[str, Any] = {
@@ -135,6 +147,22 @@ def _read_recording(path: Path, group: h5py.Group) -> RawFile:
     named_columns = dict(zip(names, columns, strict=True))
     units = dict.fromkeys(named_columns, facts["unit"])
     return RawFile(named_columns, float(stored["sample_rate"]), units, attributes, facts, speed)
+
+
+def _require_known_facts(path: Path, group: h5py.Group, required: set[str]) -> None:
+    """Refuse a recording that lacks a required fact, or has one that is not known."""
+    present = {*group, *group.attrs}
+    if present & _CONDITION_FACTS:
+        required = required | _CONDITION_FACTS
+    missing = sorted(required - present)
+    unknown = sorted(present - required - _OPTIONAL_FACTS - {_FACTOR})
+    if not (missing or unknown):
+        return
+    difference = f"{missing[0]} is missing" if missing else f"{unknown[0]!r} is unknown"
+    raise ArtifactError(
+        f"{path} does not fit this swashtwin, though it has the format {FORMAT!r} ({difference}); "
+        "another version wrote it, or it was edited: make it again from its source."
+    )
 
 
 def _require_consistent_facts(
@@ -229,7 +257,7 @@ def _write_recording(
 
     _write_facts(group, recording)
     if keeps_factors:
-        group.attrs["factor"] = np.array(samples.factors)
+        group.attrs[_FACTOR] = np.array(samples.factors)
         hashes = samples.original_hashes()
         if hashes:
             group.attrs["hashes"] = np.bytes_(json.dumps(hashes).encode())

@@ -15,28 +15,28 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="session")
 def pair_folder(plant: "Plant", tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Healthy pumps and those with a swash plate defect, two specimens, and a file that is none."""
+    """Recordings of two pumps, healthy and with a swash plate defect, and an unreadable file."""
     folder = tmp_path_factory.mktemp("explored")
     shutil.copytree(plant.folder / "recordings", folder / "recordings")
-    index = (
-        plant.pair.read_text(encoding="utf-8")
-        + '\n[[recording]]\nfile = "recordings/broken.h5"\nlabel = "normal"\n'
-    )
-    (folder / "recordings.toml").write_text(index, encoding="utf-8")
     (folder / "recordings" / "broken.h5").write_bytes(b"nothing")
+
+    index = plant.pair.read_text(encoding="utf-8")
+    index += '\n[[recording]]\nfile = "recordings/broken.h5"\nlabel = "normal"\n'
+    (folder / "recordings.toml").write_text(index, encoding="utf-8")
     return folder
 
 
 @pytest.fixture
 def folder(pair_folder: Path, tmp_path: Path) -> Path:
-    """The same folder, to be changed."""
+    """A copy of the same folder, which a test may change."""
     return Path(shutil.copytree(pair_folder, tmp_path / "pair"))
 
 
 @pytest.fixture
 def workspace(folder: Path) -> Workspace:
-    """What the explorer shows, inspected."""
+    """The explorer's view of the folder, after every recording was inspected."""
     workspace = Workspace(folder)
+    # the first request for the table starts the inspection in a thread
     workspace.table(-1)
     worker = workspace._worker
     assert worker is not None

@@ -11,49 +11,85 @@ from swashtwin.diagnosis import load_model
 from swashtwin.explorer import Workspace, build_explorer
 
 
-def test_the_verdict_is_that_of_the_command_with_its_evidence(
+def test_the_verdict_is_that_of_the_diagnose_command_with_its_evidence(
     workspace: Workspace, plant: Plant
 ) -> None:
     client = TestClient(build_explorer(workspace, plant.model), base_url="http://127.0.0.1")
-    found = client.get("/api/diagnosis", params={"name": WORN}).json()
-    verdict = load_model(plant.model).diagnose(workspace.recording(WORN))
-    assert found["verdict"] == verdict.verdict
-    assert found["sentence"] == verdict.sentence()
-    assert found["model"] == "model.safetensors"
-    assert found["checks"]
-    assert found["evidence"]
+
+    answer = client.get("/api/diagnosis", params={"name": WORN}).json()
+
+    diagnosis = load_model(plant.model).diagnose(workspace.recording(WORN))
+    assert answer["verdict"] == diagnosis.verdict
+    assert answer["sentence"] == diagnosis.sentence()
+    assert answer["model"] == "model.safetensors"
+    assert answer["checks"]
+    assert answer["evidence"]
 
 
-def test_a_model_is_dropped_and_anything_else_refused_by_name(
-    client: TestClient, plant: Plant
-) -> None:
-    headers = {"x-explorer": token(client)}
+def test_a_dropped_model_diagnoses(client: TestClient, plant: Plant) -> None:
+    # there is no model yet
     assert client.get("/api/diagnosis", params={"name": WORN}).status_code == 422
-    refused = client.post("/api/drop?name=mine.safetensors", content=b"nothing", headers=headers)
-    assert refused.status_code == 422
-    assert "mine.safetensors" in refused.json()["detail"]
-    assert client.post("/api/drop?name=x", content=plant.model.read_bytes()).status_code == 403
+
     answer = client.post(
-        "/api/drop?name=mine.safetensors", content=plant.model.read_bytes(), headers=headers
+        "/api/drop?name=mine.safetensors",
+        content=plant.model.read_bytes(),
+        headers={"x-explorer": token(client)},
     )
+
     assert answer.json() == {"model": "mine.safetensors"}
     assert client.get("/api/diagnosis", params={"name": WORN}).json()["verdict"]
+
+
+def test_a_dropped_file_that_is_no_model_is_refused_by_name(client: TestClient) -> None:
+    answer = client.post(
+        "/api/drop?name=mine.safetensors",
+        content=b"nothing",
+        headers={"x-explorer": token(client)},
+    )
+
+    assert answer.status_code == 422
+    assert "mine.safetensors" in answer.json()["detail"]
+
+
+def test_a_model_from_another_page_is_refused(client: TestClient, plant: Plant) -> None:
+    # without the token of the explorer's page
+    answer = client.post("/api/drop?name=x", content=plant.model.read_bytes())
+    assert answer.status_code == 403
 
 
 @pytest.mark.nightly
 def test_the_shipped_prior_is_adapted_to_the_healthy_recordings(client: TestClient) -> None:
     answer = send(client, "/api/prior", {}).json()
+
     assert re.search(r"adapted to \d+ healthy recordings", answer.get("model", "")), answer
     assert client.get("/api/diagnosis", params={"name": WORN}).json()["kind"] == "prior"
 
 
-def test_what_differs_most_between_two_classes_is_ranked_in_spreads(client: TestClient) -> None:
-    healthy = [HEALTHY, HEALTHY.replace("_1.h5", "_2.h5")]
-    worn = [WORN, WORN.replace("_1.h5", "_2.h5")]
-    found = client.get("/api/comparison", params={"first": healthy, "second": worn}).json()
-    spreads = [abs(row["spreads"]) for row in found["rows"]]
+HEALTHY_PAIR = [HEALTHY, HEALTHY.replace("_1.h5", "_2.h5")]
+WORN_PAIR = [WORN, WORN.replace("_1.h5", "_2.h5")]
+
+
+def test_the_features_that_differ_most_between_two_classes_come_first(client: TestClient) -> None:
+    classes = {"first": HEALTHY_PAIR, "second": WORN_PAIR}
+
+    rows = client.get("/api/comparison", params=classes).json()["rows"]
+
+    spreads = [abs(row["spreads"]) for row in rows]
     assert spreads == sorted(spreads, reverse=True)
+    # a difference of three standard deviations is no chance
     assert spreads[0] > 3
-    swapped = client.get("/api/comparison", params={"first": worn, "second": healthy}).json()
-    assert swapped["rows"][0]["change"] == pytest.approx(-found["rows"][0]["change"])
-    assert client.get("/api/comparison", params={"first": healthy, "second": []}).status_code == 422
+
+
+def test_the_order_of_the_classes_decides_the_sign_of_a_change(client: TestClient) -> None:
+    classes = {"first": HEALTHY_PAIR, "second": WORN_PAIR}
+    swapped_classes = {"first": WORN_PAIR, "second": HEALTHY_PAIR}
+
+    change = client.get("/api/comparison", params=classes).json()["rows"][0]["change"]
+    swapped = client.get("/api/comparison", params=swapped_classes).json()["rows"][0]["change"]
+
+    assert swapped == pytest.approx(-change)
+
+
+def test_a_class_without_recordings_cannot_be_compared(client: TestClient) -> None:
+    classes = {"first": HEALTHY_PAIR, "second": []}
+    assert client.get("/api/comparison", params=classes).status_code == 422

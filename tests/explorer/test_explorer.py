@@ -15,106 +15,150 @@ from starlette.testclient import TestClient
 from swashtwin.explorer import Workspace, build_explorer
 
 
-def numbers(text: str) -> np.ndarray:
+def decode_numbers(text: str) -> np.ndarray:
+    """Return the little-endian single-precision numbers of a text in base 64."""
     return np.frombuffer(base64.b64decode(text), "<f4")
 
 
-def change(fact: str, previous: str | None, value: str | None, entry: str = HEALTHY) -> dict:
+def change(
+    fact: str, previous: str | None, value: str | None, entry: str = HEALTHY
+) -> dict[str, str | None]:
     return {"entry": entry, "fact": fact, "previous": previous, "value": value}
 
 
-def test_the_table_shows_facts_levels_and_why_a_file_is_broken(client: TestClient) -> None:
+def test_the_table_shows_the_facts_and_the_waveform_of_a_recording(client: TestClient) -> None:
     table = client.get("/api/rows").json()
     rows = {row["name"]: row for row in table["rows"]}
+
     assert table["waiting"] == 0
     assert rows[HEALTHY]["label"] == "normal"
     assert rows[HEALTHY]["rpm"] == pytest.approx(860)
+    # points of the small curve in the row
     assert len(rows[HEALTHY]["rms"]) == 40
-    assert rows["recordings/broken.h5"]["state"] == "broken"
-    assert "broken.h5" in rows["recordings/broken.h5"]["findings"][0]["message"]
-    assert client.get(f"/api/rows?since={table['revision']}").json()["rows"] == []
 
 
+def test_the_table_shows_why_a_file_is_unreadable(client: TestClient) -> None:
+    rows = {row["name"]: row for row in client.get("/api/rows").json()["rows"]}
+
+    broken = rows["recordings/broken.h5"]
+    assert broken["state"] == "broken"
+    assert "broken.h5" in broken["findings"][0]["message"]
+
+
+def test_rows_that_have_not_changed_are_not_sent_again(client: TestClient) -> None:
+    revision = client.get("/api/rows").json()["revision"]
+    assert client.get(f"/api/rows?since={revision}").json()["rows"] == []
+
+
+# extremes of 64 samples are kept; smaller bins are read from the file, larger ones merged
 @pytest.mark.parametrize("width", [1, 4, 64, 1024])
-def test_extremes_are_those_of_the_samples(
+def test_the_waveform_spans_the_extremes_of_the_samples(
     client: TestClient, workspace: Workspace, width: int
 ) -> None:
     signal = workspace.recording(HEALTHY).signal
-    content = client.get(
-        "/api/samples", params={"name": HEALTHY, "width": width, "start": 3, "count": 9}
-    ).content
+    # nine points of `width` samples each, from the fourth on
+    request = {"name": HEALTHY, "width": width, "start": 3, "count": 9}
+
+    content = client.get("/api/samples", params=request).content
+
     extremes = np.frombuffer(content, "<f4").reshape(len(signal), 9, 2)
-    parts = signal[:, 3 * width : 12 * width].reshape(len(signal), 9, width)
-    np.testing.assert_allclose(extremes[..., 0], parts.min(axis=2), rtol=1e-6)
-    np.testing.assert_allclose(extremes[..., 1], parts.max(axis=2), rtol=1e-6)
+    samples = signal[:, 3 * width : 12 * width].reshape(len(signal), 9, width)
+    np.testing.assert_allclose(extremes[..., 0], samples.min(axis=2), rtol=1e-6)
+    np.testing.assert_allclose(extremes[..., 1], samples.max(axis=2), rtol=1e-6)
+
+
+# `bodies` and `ratio` describe a rolling bearing.
+SPECTRUM = {"name": WORN, "pistons": 7, "healthy": True, "bodies": 9, "ratio": 0.2}
 
 
 @pytest.mark.parametrize("kind", ["amplitude", "order"])
-def test_a_spectrum_has_its_lines_where_the_marks_say_and_its_healthy_range(
+def test_the_mark_of_the_pistons_stands_at_a_line_of_the_spectrum(
     client: TestClient, kind: str
 ) -> None:
-    asked = {"name": WORN, "kind": kind, "pistons": 7, "healthy": True, "bodies": 9, "ratio": 0.2}
-    spectrum = client.get("/api/spectrum", params=asked).json()
-    amplitude = numbers(spectrum["amplitude"]).reshape(len(spectrum["channels"]), -1)
-    at = next(mark[0] for mark in spectrum["marks"] if mark[1] == "7×")
-    line = round(at / spectrum["step"])
-    near = amplitude[:, line - 5 : line + 6].max(axis=1)
-    assert (near > 5 * np.median(amplitude, axis=1)).any()
-    assert {"BPFI", "2 FTF", "1×"} <= {mark[1] for mark in spectrum["marks"]}
+    spectrum = client.get("/api/spectrum", params={**SPECTRUM, "kind": kind}).json()
+
+    amplitude = decode_numbers(spectrum["amplitude"]).reshape(len(spectrum["channels"]), -1)
+    position = next(position for position, name, *_ in spectrum["marks"] if name == "7×")
+    index = round(position / spectrum["step"])
+    # the measured speed is not exactly the nominal one
+    piston_line = amplitude[:, index - 5 : index + 6].max(axis=1)
+    assert (piston_line > 5 * np.median(amplitude, axis=1)).any()
+
+
+@pytest.mark.parametrize("kind", ["amplitude", "order"])
+def test_a_spectrum_has_the_lines_of_a_bearing_and_the_healthy_range(
+    client: TestClient, kind: str
+) -> None:
+    spectrum = client.get("/api/spectrum", params={**SPECTRUM, "kind": kind}).json()
+
+    names = {name for _, name, *_ in spectrum["marks"]}
+    assert {"BPFI", "2 FTF", "1×"} <= names
+    # the two healthy recordings of the same pump
     assert len(spectrum["healthy"]) == 2
-    assert numbers(spectrum["high"]).shape == numbers(spectrum["amplitude"]).shape
+    upper_edge = decode_numbers(spectrum["high"])
+    assert upper_edge.shape == decode_numbers(spectrum["amplitude"]).shape
 
 
-def test_a_map_and_the_level_over_time_are_drawn(client: TestClient) -> None:
-    for orders in (False, True):
-        waterfall = client.get("/api/waterfall", params={"name": WORN, "orders": orders}).json()
-        assert (
-            len(base64.b64decode(waterfall["shades"])) == waterfall["frames"] * waterfall["bands"]
-        )
+@pytest.mark.parametrize("orders", [False, True], ids=["frequencies", "orders"])
+def test_a_waterfall_has_one_shade_for_each_frame_and_band(
+    client: TestClient, orders: bool
+) -> None:
+    waterfall = client.get("/api/waterfall", params={"name": WORN, "orders": orders}).json()
+
+    # one byte each
+    shades = base64.b64decode(waterfall["shades"])
+    assert len(shades) == waterfall["frames"] * waterfall["bands"]
+
+
+def test_the_level_over_time_has_120_points(client: TestClient) -> None:
     assert client.get("/api/rms", params={"name": WORN}).json()["lines"] == 120
 
 
-def test_the_lines_show_the_speed(client: TestClient) -> None:
-    assert client.get("/api/speed", params={"name": HEALTHY, "pistons": 7}).json()[
-        "rpm"
-    ] == pytest.approx(860, rel=0.02)
+def test_the_speed_is_estimated_from_the_lines(client: TestClient) -> None:
+    answer = client.get("/api/speed", params={"name": HEALTHY, "pistons": 7}).json()
+    assert answer["rpm"] == pytest.approx(860, rel=0.02)
 
 
-def test_a_fact_is_written_and_another_window_that_saw_the_old_one_is_told(
-    client: TestClient, folder: Path
-) -> None:
-    assert (
-        send(client, "/api/facts", {"changes": [change("label", "normal", "piston")]}).status_code
-        == 200
-    )
-    refused = send(client, "/api/facts", {"changes": [change("label", "normal", "valve_plate")]})
-    assert refused.status_code == 422
-    assert "is 'piston' now" in refused.json()["detail"]
-    undone = send(
-        client, "/api/facts", {"changes": [change("label", "piston", "normal")], "undo": True}
-    )
-    row = next(row for row in undone.json()["rows"] if row["name"] == HEALTHY)
+def test_a_fact_is_written_and_undone(client: TestClient) -> None:
+    written = send(client, "/api/facts", {"changes": [change("label", "normal", "piston")]})
+    assert written.status_code == 200
+
+    undo = {"changes": [change("label", "piston", "normal")], "undo": True}
+    rows = send(client, "/api/facts", undo).json()["rows"]
+    row = next(row for row in rows if row["name"] == HEALTHY)
     assert row["specified"]["label"] == "normal"
-    assert send(client, "/api/facts", {"changes": [change("sha256", None, "0")]}).status_code == 422
 
 
-def test_a_folder_without_an_index_is_asked_about_and_written_with_the_first_fact(
-    tmp_path: Path,
-) -> None:
+def test_a_window_that_shows_an_outdated_fact_cannot_overwrite_it(client: TestClient) -> None:
+    send(client, "/api/facts", {"changes": [change("label", "normal", "piston")]})
+
+    # a second window still shows `normal`
+    refusal = send(client, "/api/facts", {"changes": [change("label", "normal", "valve_plate")]})
+
+    assert refusal.status_code == 422
+    assert "is 'piston' now" in refusal.json()["detail"]
+
+
+def test_a_checksum_is_no_fact_to_edit(client: TestClient) -> None:
+    answer = send(client, "/api/facts", {"changes": [change("sha256", None, "0")]})
+    assert answer.status_code == 422
+
+
+def test_an_index_is_written_with_the_first_fact_and_not_before(tmp_path: Path) -> None:
     for name in ("normal_1", "normal_2", "piston_1"):
-        np.savetxt(
-            tmp_path / f"{name}.csv",
-            np.random.default_rng(0).normal(size=(4000, 2)),
-            delimiter=",",
-            header="x,y",
-            comments="",
-        )
+        samples = np.random.default_rng(0).normal(size=(4000, 2))
+        file = tmp_path / f"{name}.csv"
+        np.savetxt(file, samples, delimiter=",", header="x,y", comments="")
     client = TestClient(build_explorer(Workspace(tmp_path)), base_url="http://127.0.0.1")
+
+    # a table states neither its rate nor its unit
     assert {"sample_rate", "unit"} <= client.get("/api/rows").json()["questions"].keys()
+
     table = send(client, "/api/answers", {"sample_rate": "10 kHz", "unit": "g"}).json()
     assert table["questions"] == {}
     assert table["unwritten"]
     assert not (tmp_path / "recordings.toml").exists()
+
     edit = {"changes": [change("specimen", None, "A", "normal_1.csv")]}
     assert not send(client, "/api/facts", edit).json()["unwritten"]
     assert 'specimen = "A"' in (tmp_path / "recordings.toml").read_text()
@@ -123,47 +167,68 @@ def test_a_folder_without_an_index_is_asked_about_and_written_with_the_first_fac
 @pytest.mark.parametrize(
     ("headers", "code"),
     [
-        ({"host": "evil.example"}, 421),
-        ({"origin": "http://evil.example"}, 403),
-        ({"sec-fetch-site": "cross-site"}, 403),
-        ({}, 403),
-        ({"x-explorer": "guessed"}, 403),
+        pytest.param({"host": "evil.example"}, 421, id="rebound name"),
+        pytest.param({"origin": "http://evil.example"}, 403, id="other origin"),
+        pytest.param({"sec-fetch-site": "cross-site"}, 403, id="other site"),
+        pytest.param({}, 403, id="no token"),
+        pytest.param({"x-explorer": "guessed"}, 403, id="guessed token"),
     ],
 )
-def test_strangers_change_nothing(
+def test_another_site_cannot_change_a_fact(
     client: TestClient, folder: Path, headers: dict[str, str], code: int
 ) -> None:
-    before = (folder / "recordings.toml").read_text()
+    original_index = (folder / "recordings.toml").read_text()
     edit = {"changes": [change("label", "normal", "piston")]}
-    assert client.post("/api/facts", json=edit, headers=headers).status_code == code
-    assert (folder / "recordings.toml").read_text() == before
+
+    answer = client.post("/api/facts", json=edit, headers=headers)
+
+    assert answer.status_code == code
+    assert (folder / "recordings.toml").read_text() == original_index
 
 
+@pytest.mark.parametrize("room", ["samples", "spectrum", "waterfall", "rms"])
 @pytest.mark.parametrize(
-    "name", ["/etc/passwd", "../recordings.toml", "recordings/broken.h5", "", "x\0", "a" * 2000]
+    "name",
+    [
+        pytest.param("/etc/passwd", id="absolute path"),
+        pytest.param("../recordings.toml", id="parent folder"),
+        pytest.param("recordings/broken.h5", id="unreadable recording"),
+        pytest.param("", id="empty"),
+        pytest.param("x\0", id="null character"),
+        pytest.param("a" * 2000, id="long"),
+    ],
 )
-def test_no_name_leads_out_of_the_index(client: TestClient, name: str) -> None:
-    for path in ("/api/samples", "/api/spectrum", "/api/waterfall", "/api/rms"):
-        answer = client.get(path, params={"name": name, "start": 0, "count": 10})
-        assert answer.status_code == 422
-        assert "root:" not in answer.text
+def test_only_a_readable_recording_of_the_index_is_sent(
+    client: TestClient, name: str, room: str
+) -> None:
+    answer = client.get(f"/api/{room}", params={"name": name, "start": 0, "count": 10})
+
+    assert answer.status_code == 422
+    # the first entry of /etc/passwd
+    assert "root:" not in answer.text
+
+
+def test_no_static_path_leads_out_of_its_folder(client: TestClient) -> None:
     assert client.get("/static/%2e%2e/%2e%2e/explorer_page.py").status_code == 404
 
 
-def test_the_page_loads_nothing_from_elsewhere(client: TestClient) -> None:
+def test_the_page_loads_nothing_from_other_hosts(client: TestClient) -> None:
     page = client.get("/")
+
     assert "default-src 'none'" in page.headers["content-security-policy"]
     assert not re.search(r"https?://", page.text)
-    for name in re.findall(r'(?:src|href)="(/static/[^"?]+)', page.text):
-        assert client.get(name).status_code == 200
+    for address in re.findall(r'(?:src|href)="(/static/[^"?]+)', page.text):
+        assert client.get(address).status_code == 200
 
 
 @pytest.mark.nightly
-def test_the_command_serves_until_it_is_ended(folder: Path) -> None:
+def test_the_explore_command_serves_until_it_is_ended(folder: Path) -> None:
     port = str(free_port())
     command = [sys.executable, "-m", "swashtwin", "explore", str(folder), "--port", port]
+
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         assert f"http://127.0.0.1:{port}/" in process.stderr.readline()
+
         process.terminate()
         assert process.wait(60) == 0

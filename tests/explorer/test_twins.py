@@ -2,114 +2,167 @@
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from explored import HEALTHY, WORN, send
+from starlette.testclient import TestClient
 
 from swashtwin.calibration import load_calibration
 
 SETTING = {"start": "25scy14-1b", "recording": HEALTHY}
 
 
-def lines(client, **changes) -> dict:
+def request_lines(client: TestClient, **changes: object) -> dict[str, Any]:
+    """Return the twin's lines at the healthy recording, with some settings changed."""
     answer = send(client, "/api/twin_lines", {**SETTING, **changes})
     assert answer.status_code == 200, answer.text
     return answer.json()
 
 
-def test_starts_are_pumps_and_calibrations_beside_the_recordings(client, folder: Path) -> None:
+def test_a_twin_starts_from_a_shipped_pump_or_a_calibration_in_the_folder(
+    client: TestClient, folder: Path
+) -> None:
     (folder / "mine.json").write_text('{"format": "swashtwin calibration 7"}')
     (folder / "other.json").write_text("{}")
-    starts = client.get("/api/twin_starts").json()
-    assert starts["starts"][0] == "mine.json"
-    assert "25scy14-1b" in starts["starts"]
-    assert "other.json" not in starts["starts"]
-    assert {"swash_plate", "piston"} <= {fault["kind"] for fault in starts["faults"]}
+
+    answer = client.get("/api/twin_starts").json()
+
+    # the user's own files come first
+    assert answer["starts"][0] == "mine.json"
+    assert "25scy14-1b" in answer["starts"]
+    # which is no calibration
+    assert "other.json" not in answer["starts"]
+    assert {"swash_plate", "piston"} <= {fault["kind"] for fault in answer["faults"]}
 
 
-def test_a_stiffer_film_moves_lines_and_misfit(client) -> None:
-    before = lines(client)
-    values = before["values"]
+def test_a_stiffer_film_changes_the_lines_and_the_misfit(client: TestClient) -> None:
+    nominal = request_lines(client)
+    values = nominal["values"]
+    # stiffness between block and valve plate
     values[3] *= 2
-    after = lines(client, values=values)
-    assert before["measured"]["orders"] == [
-        7 * k for k in range(1, len(before["measured"]["orders"]) + 1)
-    ]
-    assert not np.allclose(before["amplitude"], after["amplitude"], rtol=0.01)
-    assert before["measured"]["error"] != after["measured"]["error"]
-    assert lines(client, mpa=20.0)["mpa"] == pytest.approx(20)
+
+    stiffer = request_lines(client, values=values)
+
+    assert not np.allclose(nominal["amplitude"], stiffer["amplitude"], rtol=0.01)
+    assert nominal["measured"]["error"] != stiffer["measured"]["error"]
 
 
-def test_a_fault_brings_its_lines_and_its_drawing(client) -> None:
-    worn = lines(client, recording=WORN, fault="piston", dimensions={"clearance": 60e-6})
+def test_a_healthy_pump_is_compared_at_the_multiples_of_its_pistons(client: TestClient) -> None:
+    orders = request_lines(client)["measured"]["orders"]
+    assert orders == [7 * multiple for multiple in range(1, len(orders) + 1)]
+
+
+def test_the_pressure_of_the_twin_can_be_changed(client: TestClient) -> None:
+    assert request_lines(client, mpa=20.0)["mpa"] == pytest.approx(20)
+
+
+def test_a_fault_of_one_piston_is_compared_at_every_order(client: TestClient) -> None:
+    worn = request_lines(client, recording=WORN, fault="piston", dimensions={"clearance": 60e-6})
     assert 1 in np.diff(worn["measured"]["orders"])
-    drawing = client.get(
-        "/api/twin_cutaway", params={"label": "piston", "pistons": 7, "shaft": 14.3}
-    ).json()["html"]
+
+
+def test_the_drawing_marks_the_faulty_part(client: TestClient) -> None:
+    request = {"label": "piston", "pistons": 7, "shaft": 14.3}
+    drawing = client.get("/api/twin_cutaway", params=request).json()["html"]
     assert "marked: piston" in drawing
-    refused = send(
-        client, "/api/twin_lines", {**SETTING, "fault": "piston", "dimensions": {"size": 1.0}}
-    )
-    assert "no dimension 'size'" in refused.json()["detail"]
 
 
-@pytest.mark.parametrize("start", ["../x.json", "/etc/passwd", "recordings.toml", "result"])
-def test_no_start_leads_out_of_the_folder(client, start: str) -> None:
+def test_a_dimension_that_the_fault_lacks_is_refused(client: TestClient) -> None:
+    setting = {**SETTING, "fault": "piston", "dimensions": {"size": 1.0}}
+    answer = send(client, "/api/twin_lines", setting)
+    assert "no dimension 'size'" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        pytest.param("../x.json", id="parent folder"),
+        pytest.param("/etc/passwd", id="absolute path"),
+        pytest.param("recordings.toml", id="index"),
+        pytest.param("result", id="result of no calibration"),
+    ],
+)
+def test_only_a_pump_or_a_calibration_can_be_a_start(client: TestClient, start: str) -> None:
     answer = send(client, "/api/twin_lines", {"start": start})
     assert "There is no pump or calibration" in answer.json()["detail"]
 
 
-def test_a_new_pump_of_a_nameplate_is_a_start(client, folder: Path) -> None:
-    plate = {
-        "displacement": "45 cm3/rev",
-        "pistons": "9",
-        "speed": "1500 rpm",
-        "pressure": "280 bar",
-    }
-    made = send(client, "/api/twin_pump", {"name": "a45", "plate": plate}).json()
-    assert made["start"] in made["starts"]
-    assert lines(client, start="a45.toml", recording="")["pistons"] == 9
-    assert (
-        "already exists"
-        in send(client, "/api/twin_pump", {"name": "a45", "plate": plate}).json()["detail"]
-    )
-    assert send(client, "/api/twin_pump", {"name": "../b", "plate": plate}).status_code == 422
-    assert [path.name for path in folder.glob("*.toml")].count("a45.toml") == 1
+NAMEPLATE = {
+    "displacement": "45 cm3/rev",
+    "pistons": "9",
+    "speed": "1500 rpm",
+    "pressure": "280 bar",
+}
 
 
-def finished(client) -> dict:
-    end = time.monotonic() + 200
-    while (job := client.get("/api/twin_job").json())[
-        "state"
-    ] == "running" and time.monotonic() < end:
+def test_a_pump_made_from_a_nameplate_is_a_start(client: TestClient, folder: Path) -> None:
+    answer = send(client, "/api/twin_pump", {"name": "a45", "plate": NAMEPLATE}).json()
+
+    assert answer["start"] in answer["starts"]
+    assert (folder / "a45.toml").is_file()
+    assert request_lines(client, start="a45.toml", recording="")["pistons"] == 9
+
+
+def test_a_new_pump_neither_replaces_a_file_nor_leaves_the_folder(
+    client: TestClient, folder: Path
+) -> None:
+    send(client, "/api/twin_pump", {"name": "a45", "plate": NAMEPLATE})
+    original_pump = (folder / "a45.toml").read_bytes()
+
+    again = send(client, "/api/twin_pump", {"name": "a45", "plate": NAMEPLATE})
+    assert "already exists" in again.json()["detail"]
+    assert (folder / "a45.toml").read_bytes() == original_pump
+
+    outside = send(client, "/api/twin_pump", {"name": "../b", "plate": NAMEPLATE})
+    assert outside.status_code == 422
+    assert not (folder.parent / "b.toml").exists()
+
+
+def wait_for_calibration(client: TestClient) -> str:
+    """Return the state in which a calibration ends, or `running` after 200 s."""
+    deadline = time.monotonic() + 200
+    state = "running"
+    while state == "running" and time.monotonic() < deadline:
         time.sleep(0.05)
-    return job
+        state = client.get("/api/twin_job").json()["state"]
+    return state
 
 
 @pytest.mark.nightly
-def test_a_calibration_is_stopped_then_finished_saved_and_used(client, folder: Path) -> None:
-    assert (
-        send(client, "/api/twin_calibrate", {"setting": SETTING, "comparable": False}).json()[
-            "state"
-        ]
-        == "running"
-    )
-    assert send(client, "/api/twin_calibrate", {"setting": SETTING}).status_code == 422
+def test_one_calibration_at_a_time_runs_until_it_is_stopped(client: TestClient) -> None:
+    first = send(client, "/api/twin_calibrate", {"setting": SETTING, "comparable": False})
+    assert first.json()["state"] == "running"
+
+    second = send(client, "/api/twin_calibrate", {"setting": SETTING})
+    assert second.status_code == 422
+
     send(client, "/api/twin_stop", {})
-    assert finished(client)["state"] == "stopped"
+    assert wait_for_calibration(client) == "stopped"
+
+
+@pytest.mark.nightly
+def test_a_calibration_is_saved_and_makes_windows(client: TestClient, folder: Path) -> None:
+    # after one that was stopped
+    send(client, "/api/twin_calibrate", {"setting": SETTING, "comparable": False})
+    send(client, "/api/twin_stop", {})
+    assert wait_for_calibration(client) == "stopped"
+
     send(client, "/api/twin_calibrate", {"setting": SETTING, "comparable": True})
-    assert finished(client)["state"] == "done"
-    shown = lines(client, start="result")
-    assert len(shown["estimates"]) == 6
-    assert shown["measured"]["error"] < lines(client)["measured"]["error"]
-    assert send(client, "/api/twin_save", {"name": "mine"}).json() == {"file": "mine.json"}
+    assert wait_for_calibration(client) == "done"
+    result = request_lines(client, start="result")
+    assert len(result["estimates"]) == 6
+    assert result["measured"]["error"] < request_lines(client)["measured"]["error"]
+
+    saved = send(client, "/api/twin_save", {"name": "mine"})
+    assert saved.json() == {"file": "mine.json"}
+    # the comparable recording is used too
     assert len(load_calibration(folder / "mine.json").recording_ids) == 2
-    assert "already exists" in send(client, "/api/twin_save", {"name": "mine"}).json()["detail"]
-    made = {
-        "setting": {**SETTING, "start": "mine.json", "fault": "piston"},
-        "name": "worn",
-        "count": 3,
-    }
-    assert send(client, "/api/twin_windows", made).json()["label"] == "piston"
+    again = send(client, "/api/twin_save", {"name": "mine"})
+    assert "already exists" in again.json()["detail"]
+
+    worn = {**SETTING, "start": "mine.json", "fault": "piston"}
+    request = {"setting": worn, "name": "worn", "count": 3}
+    assert send(client, "/api/twin_windows", request).json()["label"] == "piston"
     assert (folder / "worn.safetensors").is_file()

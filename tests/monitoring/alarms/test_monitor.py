@@ -1,8 +1,7 @@
-"""One machine's monitor: it learns, stays quiet, raises an alarm that names the levels, clears it,
-and says why not.
-"""
+"""The monitor of one operating point, from its first recording to an alarm that is cleared."""
 
 import json
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -22,139 +21,178 @@ from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
 MONITOR = OperatingPointMonitor("pump-1")
+HEALTHY = 0.0
+N_WATCHED = 40
 
 
-def course(
-    machine: Machine, rises: list[float], state: OperatingPointState | None = None, first: int = 0
+def judge_all(
+    machine: Machine,
+    rises: Sequence[float],
+    state: OperatingPointState | None = None,
+    start: int = 0,
 ) -> list[OperatingPointJudgment]:
-    """Judgments on recordings with these rises [dB]; the state goes through JSON after each."""
-    point_judgments = []
-    for number, rise in enumerate(rises, first):
-        point_judgment = MONITOR.judge(machine.recording(number, rise=rise), state)
-        tables = (to_table(point_judgment.state.baseline), point_judgment.state.test_table())
-        state = OperatingPointState.from_tables(
-            *(json.loads(json.dumps(table)) for table in tables)
-        )
-        point_judgments.append(point_judgment)
-    return point_judgments
+    """Return the judgments of recordings with these rises [dB], the first with number `start`."""
+    judgments = []
+    for number, rise in enumerate(rises, start):
+        judgment = MONITOR.judge(machine.recording(number, rise=rise), state)
+        judgments.append(judgment)
+        state = through_json(judgment.state)
+    return judgments
+
+
+def through_json(state: OperatingPointState) -> OperatingPointState:
+    """Return a state as the history returns it: each recording may follow a restart."""
+    baseline = json.loads(json.dumps(to_table(state.baseline)))
+    test = json.loads(json.dumps(state.test_table()))
+    return OperatingPointState.from_tables(baseline, test)
 
 
 @pytest.fixture(scope="module")
 def watched(machine: Machine) -> OperatingPointState:
     """State after 20 healthy recordings were learned from and 20 watched."""
-    return course(machine, [0.0] * 40)[-1].state
+    return judge_all(machine, [HEALTHY] * N_WATCHED)[-1].state
 
 
-def test_the_first_twenty_recordings_are_learned_from_and_judged_by_nothing(
-    machine: Machine,
-) -> None:
-    point_judgments = course(machine, [0.0] * 21)
-    assert [result.learned for result in point_judgments[:20]] == list(range(1, 21))
-    assert {result.stage for result in point_judgments[:20]} == {"learning"}
-    assert all(result.capital is None and not result.is_alarm for result in point_judgments[:20])
-    assert point_judgments[20].stage == "watching"
-    assert point_judgments[20].p_value is not None
+Follow = Callable[[Sequence[float]], list[OperatingPointJudgment]]
+
+
+@pytest.fixture
+def follow(machine: Machine, watched: OperatingPointState) -> Follow:
+    """Return a function that judges recordings with these rises [dB] after the watched ones."""
+    return lambda rises: judge_all(machine, rises, watched, N_WATCHED)
+
+
+def test_the_first_twenty_recordings_are_learned_from_and_raise_no_alarm(machine: Machine) -> None:
+    *learning, watching = judge_all(machine, [HEALTHY] * 21)
+
+    assert [judgment.learned for judgment in learning] == list(range(1, 21))
+    assert {judgment.stage for judgment in learning} == {"learning"}
+    assert all(judgment.capital is None for judgment in learning)
+    assert not any(judgment.is_alarm for judgment in learning)
+
+    assert watching.stage == "watching"
+    assert watching.p_value is not None
 
 
 def test_recordings_that_the_baseline_dropped_count_as_large_ones_of_the_machine(
     machine: Machine,
 ) -> None:
-    """Else a machine that is loud now and then raises false alarms, however alike its recordings
-    are.
-    """
-    rises = [20.0 if number in (6, 9, 14) else 0.0 for number in range(23)]
-    point_judgments = course(machine, rises)
-    assert point_judgments[6].learned == 6
-    assert "not learned from this recording" in point_judgments[6].notes[0]
-    assert point_judgments[-1].learned == 20
-    assert point_judgments[-1].state.test.large_share == 4 / 24
+    # Otherwise a machine that is loud now and then raises false alarms, however alike its
+    # recordings are.
+    loud_numbers = (6, 9, 14)
+    rises = [20.0 if number in loud_numbers else HEALTHY for number in range(23)]
+
+    judgments = judge_all(machine, rises)
+
+    assert judgments[6].learned == 6
+    assert "not learned from this recording" in judgments[6].notes[0]
+    assert judgments[-1].learned == 20
+    # Three of 23, and the next one, which the share supposes to be large.
+    assert judgments[-1].state.test.large_share == 4 / 24
 
 
-def test_a_rise_of_five_orders_raises_an_alarm_that_names_them(
-    machine: Machine, watched: OperatingPointState
-) -> None:
-    point_judgments = course(machine, [12.0] * 8, watched, 40)
-    raised = [result.pump for result in point_judgments].index("raised")
+def test_a_rise_of_five_orders_raises_an_alarm_that_names_them(follow: Follow) -> None:
+    judgments = follow([12.0] * 8)
+
+    raised = [judgment.pump for judgment in judgments].index("raised")
     assert raised <= 5
-    evidence = point_judgments[raised]
-    assert evidence.is_alarm
-    assert evidence.capital is not None
-    assert evidence.capital >= 100
-    assert {change.channel for change in evidence.moved[:3]} == {"x"}
-    assert any("shaft order" in reason for reason in evidence.reasons)
-    assert json.loads(json.dumps(evidence.to_dict()))["moved"][0]["change"] == pytest.approx(
-        12, abs=4
-    )
+
+    alarm = judgments[raised]
+    assert alarm.is_alarm
+    assert alarm.capital is not None
+    # The reciprocal of the false alarm rate.
+    assert alarm.capital >= 100
+
+    assert {change.channel for change in alarm.moved[:3]} == {"x"}
+    assert any("shaft order" in reason for reason in alarm.reasons)
+    table = json.loads(json.dumps(alarm.to_dict()))
+    assert table["moved"][0]["change"] == pytest.approx(12, abs=4)
 
 
-def test_one_large_recording_raises_no_alarm(
-    machine: Machine, watched: OperatingPointState
+def test_one_large_recording_raises_no_alarm(follow: Follow) -> None:
+    judgments = follow([20.0, *[HEALTHY] * 10])
+
+    assert judgments[0].is_large
+    assert not any(judgment.pump for judgment in judgments)
+
+
+def test_no_evidence_is_collected_during_an_alarm_and_five_quiet_recordings_clear_it(
+    follow: Follow,
 ) -> None:
-    point_judgments = course(machine, [20.0, *[0.0] * 10], watched, 40)
-    assert point_judgments[0].is_large
-    assert not any(result.pump for result in point_judgments)
+    judgments = follow([*[12.0] * 8, *[HEALTHY] * 6])
+
+    capitals = {judgment.capital for judgment in judgments if judgment.is_alarm}
+    assert len(capitals) == 1
+
+    quiet = judgments[8:]
+    assert [judgment.pump for judgment in quiet] == [None] * 4 + ["cleared", None]
+
+    # The test starts anew: evidence of the alarm that is over must not raise the next one.
+    assert judgments[-1].capital is not None
+    assert judgments[-1].capital <= 1
 
 
-def test_while_an_alarm_stands_nothing_is_bet_and_five_quiet_recordings_clear_it(
-    machine: Machine, watched: OperatingPointState
+def test_the_baseline_has_median_and_spread_of_each_band_power_of_a_judgment(
+    watched: OperatingPointState, follow: Follow
 ) -> None:
-    point_judgments = course(machine, [*[12.0] * 8, *[0.0] * 6], watched, 40)
-    assert len({result.capital for result in point_judgments if result.is_alarm}) == 1
-    assert [result.pump for result in point_judgments[8:]] == [None] * 4 + ["cleared", None]
-    assert point_judgments[-1].capital is not None
-    assert point_judgments[-1].capital <= 1
+    baseline = baseline_band_powers(to_table(watched.baseline))
+    (judgment,) = follow([HEALTHY])
+
+    assert baseline.keys() == judgment.band_powers.keys()
+    deviations = []
+    for key, (median, spread) in baseline.items():
+        deviations.append(abs(judgment.band_powers[key] - median) / spread)
+    # A healthy recording lies within its spread on average; wrong keys or units would not.
+    assert np.mean(deviations) < 2
 
 
-def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgment_has(
-    machine: Machine, watched: OperatingPointState
-) -> None:
-    band_powers = baseline_band_powers(to_table(watched.baseline))
-    point_judgment = course(machine, [0.0], watched, 40)[0]
-    assert band_powers.keys() == point_judgment.band_powers.keys()
-    spreads = [
-        abs(point_judgment.band_powers[key] - median) / spread
-        for key, (median, spread) in band_powers.items()
-    ]
-    assert np.mean(spreads) < 2
+def test_the_same_recordings_give_the_same_judgments(follow: Follow) -> None:
+    rises = [HEALTHY, 9.0, 12.0]
+    first = [judgment.to_dict() for judgment in follow(rises)]
+    second = [judgment.to_dict() for judgment in follow(rises)]
+
+    # Ties of p-values are broken by numbers drawn for the recording, not for the process.
+    assert first == second
 
 
-def test_the_same_recordings_give_the_same_judgments(
-    machine: Machine, watched: OperatingPointState
-) -> None:
-    first, second = (course(machine, [0.0, 9.0, 12.0], watched, 40) for _ in range(2))
-    assert [result.to_dict() for result in first] == [result.to_dict() for result in second]
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            lambda machine: machine.recording(40).replace(sample_rate=8000.0),
-            "sample rate 4000 Hz against 8000 Hz",
-        ),
-        (lambda machine: machine.recording(40, seconds=0.45), "record longer"),
-        (lambda machine: broken(machine.recording(40)), "missing or infinite"),
-    ],
-)
-def test_a_recording_that_does_not_fit_the_baseline_is_refused(
-    machine: Machine, watched: OperatingPointState, change, message: str
-) -> None:
-    with pytest.raises(DataError, match=message):
-        MONITOR.judge(change(machine), watched)
-
-
-def broken(recording: Recording) -> Recording:
-    """The recording without one of its samples."""
+def with_missing_sample(recording: Recording) -> Recording:
     signal = recording.signal.copy()
     signal[1, 7] = np.nan
     return recording.replace(signal=signal)
 
 
-def recording(speed: float, pressure: float) -> Recording:
-    """A recording at a speed [rev/min] and a pressure [MPa]."""
-    return Recording(
-        np.ones((1, 9)), 100.0, "r", condition=OperatingCondition(rpm(speed), MPa(pressure))
-    )
+@pytest.mark.parametrize(
+    ("make_recording", "message"),
+    [
+        pytest.param(
+            lambda machine: machine.recording(40).replace(sample_rate=8000.0),
+            "sample rate 4000 Hz against 8000 Hz",
+            id="other sample rate",
+        ),
+        # Nine turns of the shaft; recordings of the baseline have twenty.
+        pytest.param(
+            lambda machine: machine.recording(40, seconds=0.45), "record longer", id="too short"
+        ),
+        pytest.param(
+            lambda machine: with_missing_sample(machine.recording(40)),
+            "missing or infinite",
+            id="missing sample",
+        ),
+    ],
+)
+def test_a_recording_that_does_not_fit_the_baseline_is_refused(
+    machine: Machine,
+    watched: OperatingPointState,
+    make_recording: Callable[[Machine], Recording],
+    message: str,
+) -> None:
+    with pytest.raises(DataError, match=message):
+        MONITOR.judge(make_recording(machine), watched)
+
+
+def recording_at(speed_rpm: float, pressure_mpa: float) -> Recording:
+    condition = OperatingCondition(rpm(speed_rpm), MPa(pressure_mpa))
+    return Recording(np.ones((1, 9)), 100.0, "r", condition=condition)
 
 
 POINTS = [
@@ -167,23 +205,27 @@ POINTS = [
 @pytest.mark.parametrize(
     ("speed", "pressure", "name"),
     [
+        # between two points, nearer to the first, then nearer to the second
         (862, 10.2, "860 rpm, 10 MPa"),
         (850, 10.8, "860 rpm, 11 MPa"),
         (1490, 10, "1500 rpm, 10 MPa"),
+        # far from all: a point of its own
         (1200, 10, "1200 rpm, 10 MPa"),
     ],
 )
 def test_a_recording_belongs_to_the_nearest_point_or_makes_one(
     speed: float, pressure: float, name: str
 ) -> None:
-    assert match_operating_point(recording(speed, pressure), POINTS).name == name
-    assert (
-        match_operating_point(Recording(np.ones((1, 9)), 100.0, "states nothing"), POINTS).name
-        == "any"
-    )
+    assert match_operating_point(recording_at(speed, pressure), POINTS).name == name
+
+
+def test_a_recording_without_speed_and_pressure_belongs_to_any_point() -> None:
+    recording = Recording(np.ones((1, 9)), 100.0, "specifies nothing")
+    assert match_operating_point(recording, POINTS).name == "any"
 
 
 @given(some.floats(100, 3000), some.floats(1, 30))
 def test_a_recording_belongs_to_the_point_that_it_made(speed: float, pressure: float) -> None:
-    point = match_operating_point(recording(speed, pressure), POINTS)
-    assert match_operating_point(recording(speed, pressure), [*POINTS, point]) == point
+    recording = recording_at(speed, pressure)
+    point = match_operating_point(recording, POINTS)
+    assert match_operating_point(recording, [*POINTS, point]) == point

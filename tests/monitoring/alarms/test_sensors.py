@@ -1,6 +1,4 @@
-"""Sensors at fault, and a pump that does not run, raise an alarm of their own; healthy recordings
-do not.
-"""
+"""Failed sensors, and a pump that does not run, raise a sensor alarm; healthy recordings do not."""
 
 from collections.abc import Callable
 
@@ -16,15 +14,18 @@ from swashtwin.recordings import Recording
 from swashtwin_bench.rigs.courses import PlantCourse, plant_course
 
 MONITOR = OperatingPointMonitor("A", baseline_recordings=8)
+MAX_FALSE_FINDING_RATE = 1e-3
+
+Change = Callable[[np.ndarray], np.ndarray]
 
 
-def first(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
-    """A change of the first channel alone."""
+def first(change: Change) -> Change:
+    """Return a change of the first channel alone."""
     return lambda signal: np.vstack([change(signal[:1]), signal[1:]])
 
 
-def at(samples: slice | int, value: float | None) -> Callable[[np.ndarray], np.ndarray]:
-    """The first sensor shows one value at some samples: its own first one where none is given."""
+def stuck_at(samples: slice | int, value: float | None) -> Change:
+    """Return a change that sets samples of the first sensor to `value`, or to its first sample."""
 
     def changed(signal: np.ndarray) -> np.ndarray:
         signal = signal.copy()
@@ -35,64 +36,77 @@ def at(samples: slice | int, value: float | None) -> Callable[[np.ndarray], np.n
 
 
 def saturated(signal: np.ndarray) -> np.ndarray:
-    """The range of the sensor is too small."""
+    """Clip the signal: the range of the sensor is too small."""
     limit = 1.5 * signal.std()
     return np.clip(signal, -limit, limit)
 
 
 def loose(signal: np.ndarray) -> np.ndarray:
-    """The plug moves: steps that decay within half a second."""
+    """Add steps that decay within half a second: the plug moves."""
     rng = random_stream(0, "plug")
     length = signal.shape[1]
-    kick = np.where(rng.random(length) < 5 / length, rng.normal(0, 40 * signal.std(), length), 0.0)
-    return signal + np.convolve(kick, np.exp(-np.arange(length) / (length / 5)))[:length]
+    has_kick = rng.random(length) < 5 / length
+    kicks = np.where(has_kick, rng.normal(0, 40 * signal.std(), length), 0.0)
+
+    decay = np.exp(-np.arange(length) / (length / 5))
+    return signal + np.convolve(kicks, decay)[:length]
 
 
-def noise(decibel: float, hum: float = 0.0) -> Callable[[np.ndarray], np.ndarray]:
-    """Noise so far below the signal, and hum of the mains of so much of it, in place of the
-    signal.
+def noise(level_db: float, hum: float = 0.0) -> Change:
+    """Return a change that replaces the signal by noise and hum of the mains.
+
+    Parameters
+    ----------
+    level_db : level of the noise relative to the signal.
+    hum : amplitude of the hum relative to the standard deviation of the signal.
     """
 
     def changed(signal: np.ndarray) -> np.ndarray:
-        mains = hum * np.sin(2 * np.pi * 50 * np.arange(signal.shape[1]) / 25600)
-        return signal.std() * (
-            10 ** (decibel / 20) * random_stream(0, "noise").normal(size=signal.shape) + mains
-        )
+        time = np.arange(signal.shape[1]) / 25600
+        mains = hum * np.sin(2 * np.pi * 50 * time)
+        normal = random_stream(0, "noise").normal(size=signal.shape)
+        return signal.std() * (10 ** (level_db / 20) * normal + mains)
 
     return changed
 
 
 def low_passed(signal: np.ndarray) -> np.ndarray:
-    """The mounting lets no high frequencies through."""
-    return scipy.signal.lfilter(*scipy.signal.butter(2, 0.15), signal, axis=1)
+    """Remove high frequencies, which a loose mounting does not transmit."""
+    b, a = scipy.signal.butter(2, 0.15)
+    return scipy.signal.lfilter(b, a, signal, axis=1)
 
 
-def doubled(gain: float, offset: float) -> Callable[[np.ndarray], np.ndarray]:
-    """The first channel shows the signal of the second."""
+def doubled(gain: float, offset: float) -> Change:
+    """Return a change that shows the signal of the second channel in the first, too."""
     return lambda signal: np.vstack([gain * signal[1:2] + offset, signal[1:]])
 
 
-flat = at(slice(None), 0.0)
-spiky = at(1000, 1e38)
+flat = stuck_at(slice(None), 0.0)
+# Beside such a sample all others look like one value: it once counted as saturation.
+spiky = stuck_at(1000, 1e38)
 FAULTS = {
     "flat": ("flat", flat),
-    "partly flat": ("flat", at(slice(10_000), None)),
+    "partly flat": ("flat", stuck_at(slice(10_000), None)),
     "saturated": ("saturated", first(saturated)),
     "spikes": ("spikes", spiky),
     "loose": ("loose", first(loose)),
     "swapped": ("swapped", lambda signal: signal[[1, 0, 2]]),
     "rotated": ("swapped", lambda signal: signal[[1, 2, 0]]),
+    # A dead sensor still has the noise of its amplifier, and picks up the mains.
     "noise 160 dB down": ("silent", first(noise(-160))),
     "noise 60 dB down": ("silent", first(noise(-60))),
     "hum of the mains": ("silent", first(noise(-80, 3e-3))),
+    # Falls of 32 and 12 dB; a sensor is silent from 8 dB on.
     "a fortieth of the gain": ("silent", first(lambda signal: signal / 40)),
     "a fortieth of all gains": ("silent", lambda signal: signal / 40),
     "a fourth of the gain": ("silent", first(lambda signal: signal / 4)),
+    # One sensor at two inputs, whose amplifiers may differ in gain, offset and sign.
     "doubled": ("equal", doubled(1.0, 0.0)),
     "doubled with another gain": ("equal", doubled(0.7, 3.0)),
     "doubled and inverted": ("equal", doubled(-1.0, 0.0)),
     "lost high frequencies": ("muffled", first(low_passed)),
     "all lost high frequencies": ("muffled", low_passed),
+    # Without lines of the pump the level does not matter: the hall may be nearly as loud.
     "stopped pump": ("stopped", noise(-40)),
     "stopped pump in a loud hall": ("stopped", noise(-12)),
     "all sensors without power": ("stopped", noise(-120)),
@@ -102,88 +116,113 @@ FAULTS = {
 @pytest.fixture(scope="module")
 def rig() -> list[Recording]:
     """Twelve healthy recordings of a pump of the virtual rig."""
-    return [
-        recording
-        for recording, _ in plant_course(100, "A", PlantCourse(recordings=12, duration=1.0))
-    ]
+    course = plant_course(100, "A", PlantCourse(recordings=12, duration=1.0))
+    return [recording for recording, _ in course]
 
 
 @pytest.fixture(scope="module")
 def watched(rig: list[Recording]) -> OperatingPointState:
-    """State after the first ten."""
+    """State after the first ten, of which eight are the baseline."""
     state = None
     for recording in rig[:10]:
-        point_judgment = MONITOR.judge(recording, state)
-        assert point_judgment.findings == ()
-        state = point_judgment.state
+        judgment = MONITOR.judge(recording, state)
+        assert judgment.findings == ()
+        state = judgment.state
+
     assert state is not None
     return state
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_sensor_at_fault_on_the_rig_is_named_and_the_test_of_the_pump_does_not_move(
+def test_a_failed_sensor_is_identified_and_the_test_of_the_pump_does_not_move(
     rig: list[Recording], watched: OperatingPointState, fault: str
 ) -> None:
+    kind, change = FAULTS[fault]
     state = watched
-    changes = []
+    alarm_changes = []
+
     for recording in rig[10:]:
-        kind, change = FAULTS[fault]
-        point_judgment = MONITOR.judge(recording.replace(signal=change(recording.signal)), state)
-        assert point_judgment.stage == "sensor"
-        assert {finding.kind for finding in point_judgment.findings} == {kind}
-        assert rig[0].channels[0] in point_judgment.findings[0].channel
-        assert point_judgment.capital is None
-        state = point_judgment.state
-        changes.append(point_judgment.sensor)
-    assert changes == [None, "raised"]
-    assert (state.test, state.pump) == (watched.test, watched.pump)
+        faulty = recording.replace(signal=change(recording.signal))
+        judgment = MONITOR.judge(faulty, state)
+        assert judgment.stage == "sensor"
+        assert {finding.kind for finding in judgment.findings} == {kind}
+        assert rig[0].channels[0] in judgment.findings[0].channel
+        assert judgment.capital is None
+
+        state = judgment.state
+        alarm_changes.append(judgment.sensor)
+
+    # One recording alone may be a disturbance.
+    assert alarm_changes == [None, "raised"]
+
+    # A recording of a failed sensor contains no evidence about the pump, neither way.
+    assert state.test == watched.test
+    assert state.pump == watched.pump
     assert state.baseline is watched.baseline
 
 
 @pytest.mark.nightly
 def test_healthy_recordings_show_a_finding_less_often_than_one_in_a_thousand() -> None:
-    """5,200 recordings of 20 machines; the upper end of the interval of Clopper and Pearson
-    counts.
-    """
-    count = n_findings = 0
+    n_watched = n_findings = 0
     for pump in range(20):
         monitor = OperatingPointMonitor(f"pump-{pump}")
         state = None
         for number in range(280):
-            judgment = monitor.judge(Machine().recording(1000 * pump + number, seconds=0.5), state)
+            recording = Machine().recording(1000 * pump + number, seconds=0.5)
+            judgment = monitor.judge(recording, state)
             state = judgment.state
-            if judgment.stage != "learning":
-                count += 1
+            n_watched += judgment.stage != "learning"
             n_findings += bool(judgment.findings)
-    assert count == 5200
-    assert scipy.stats.beta.ppf(0.975, n_findings + 1, count - n_findings) < 1e-3
+
+    # 20 machines, each 280 recordings without the 20 that it learned from.
+    assert n_watched == 5200
+    # Upper end of the 95 % interval of Clopper and Pearson: a rate of zero proves little.
+    upper_rate = scipy.stats.beta.ppf(0.975, n_findings + 1, n_watched - n_findings)
+    assert upper_rate < MAX_FALSE_FINDING_RATE
 
 
-@pytest.mark.parametrize("break_sensor", [flat, spiky, first(saturated), first(loose)])
-def test_a_baseline_does_not_learn_from_a_sensor_at_fault(
-    machine: Machine, break_sensor: Callable[[np.ndarray], np.ndarray]
+# The faults that show without a baseline to compare with.
+@pytest.mark.parametrize(
+    "break_sensor",
+    [
+        pytest.param(flat, id="flat"),
+        pytest.param(spiky, id="spikes"),
+        pytest.param(first(saturated), id="saturated"),
+        pytest.param(first(loose), id="loose"),
+    ],
+)
+def test_a_baseline_does_not_learn_from_a_failed_sensor(
+    machine: Machine, break_sensor: Change
 ) -> None:
-    recording = machine.recording(0)
-    point_judgment = MONITOR.judge(recording.replace(signal=break_sensor(recording.signal)), None)
-    assert (point_judgment.stage, point_judgment.learned) == ("sensor", 0)
-    assert MONITOR.judge(recording, point_judgment.state).learned == 1
+    healthy = machine.recording(0)
+    faulty = healthy.replace(signal=break_sensor(healthy.signal))
+
+    judgment = MONITOR.judge(faulty, None)
+    assert judgment.stage == "sensor"
+    assert judgment.learned == 0
+
+    assert MONITOR.judge(healthy, judgment.state).learned == 1
 
 
-def test_a_faulty_pump_is_no_sensor_at_fault(machine: Machine) -> None:
+def test_a_worn_pump_is_not_taken_for_a_failed_sensor(machine: Machine) -> None:
     state = None
+    # Up to 30 dB in one channel, while the other two stay as they were.
     for number, rise in enumerate([0.0] * 10 + [6.0, 12.0, 20.0, 30.0]):
-        point_judgment = MONITOR.judge(machine.recording(number, rise=rise), state)
-        state = point_judgment.state
-        assert point_judgment.findings == ()
+        judgment = MONITOR.judge(machine.recording(number, rise=rise), state)
+        state = judgment.state
+        assert judgment.findings == ()
 
 
-def test_levels_that_fall_while_none_rises_are_no_sign_of_health(machine: Machine) -> None:
+def test_band_powers_that_fall_while_none_rises_are_no_sign_of_health(machine: Machine) -> None:
     monitor = OperatingPointMonitor("A")
     state = None
     for number in range(22):
         recording = machine.recording(number)
+        # 7 dB down on all channels, which is less than the fall of a silent one.
         gain = 1.0 if number < 20 else 0.45
         judgment = monitor.judge(recording.replace(signal=gain * recording.signal), state)
         state = judgment.state
+
     assert [finding.kind for finding in judgment.findings] == ["fallen"]
-    assert (judgment.stage, judgment.sensor) == ("sensor", "raised")
+    assert judgment.stage == "sensor"
+    assert judgment.sensor == "raised"

@@ -1,5 +1,7 @@
-"""The configuration of a watch: what it says, and how it says what is wrong."""
+"""The configuration of a watch: what it specifies, and how a wrong entry is reported."""
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,19 +19,24 @@ kind = "folder"
 path = "incoming"
 """
 
+Write = Callable[[str], Path]
+
 
 @pytest.fixture
-def write(tmp_path: Path):
-    def written(text: str) -> Path:
+def write(tmp_path: Path) -> Write:
+    """Return a function that writes a configuration and returns its path."""
+
+    def write_text(text: str) -> Path:
         path = tmp_path / "watch.toml"
         path.write_text(text, encoding="utf-8")
         return path
 
-    return written
+    return write_text
 
 
 def test_the_example_loads_as_written(tmp_path: Path) -> None:
     config = load_watch_config(write_example(tmp_path / "watch.toml"), {})
+
     assert [machine.name for machine in config.machines] == ["pump-1"]
     assert config.machines[0].speed == pytest.approx(rpm(1500))
     assert config.sources == (
@@ -42,85 +49,118 @@ def test_the_example_loads_as_written(tmp_path: Path) -> None:
 
 def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Path) -> None:
     path = write_example(tmp_path / "watch.toml")
-    lines = path.read_text(encoding="utf-8").splitlines()
-    entries = [
-        line[2:] if line.startswith("# ") and ("=" in line or "[[" in line) else line
-        for line in lines
-    ]
-    path.write_text("\n".join(entries), encoding="utf-8")
+    # Comments with an entry or a table; the others are sentences.
+    text = re.sub(r"^# (.*(?:=|\[\[).*)$", r"\1", path.read_text(encoding="utf-8"), flags=re.M)
+    path.write_text(text, encoding="utf-8")
     for name in ("model.safetensors", "prior.safetensors", "calibration.json"):
         (tmp_path / name).touch()
+
+    # Both characters have a meaning in a URL.
     names = ("HISTORY_PASSWORD", "MQTT_PASSWORD", "WEBHOOK_TOKEN", "MAIL_PASSWORD")
     config = load_watch_config(path, dict.fromkeys(names, "p@ss/word"))
+
     assert [source.kind for source in config.sources] == ["folder", "mqtt", "http"]
     assert [channel.kind for channel in config.channels] == ["log", "webhook", "mqtt", "email"]
     assert config.history_url == "postgresql://swashtwin:p%40ss%2Fword@db.example/swashtwin"
-    assert "p@ss" not in repr(config)
-    assert "p%40" not in repr(config)
     mqtt = config.sources[1]
     assert isinstance(mqtt, MqttSource)
-    assert (mqtt.port, mqtt.password.reveal()) == (8883, "p@ss/word")
+    assert mqtt.port == 8883
+    assert mqtt.password.reveal() == "p@ss/word"
+
+    # A log or a traceback may print the configuration.
+    assert "p@ss" not in repr(config)
+    assert "p%40" not in repr(config)
 
 
 @pytest.mark.parametrize(
     ("addition", "message"),
     [
+        # the file as a whole, and slips of the pen in names of entries
         ("folder = ", "not valid TOML"),
         ("[alarm]\n", "no entry 'alarm'; did you mean 'alarms'?"),
         (
             "[[machine]]\nname='p'\nsped='1 rpm'",
             "number 2: there is no entry 'sped'; did you mean 'speed'",
         ),
+        # a number without a unit could be rpm or rad/s
         ("[[machine]]\nname='p'\nspeed=1500", "must be text in quotes"),
         ("[[machine]]\nname='p'\nspeed='-3 rpm'", "must be above 0 rad/s"),
+        # names: files of the history and rows of the page are called by them
         ("[[machine]]\nspeed='3 rpm'", "missing required field `name`"),
         ("[[machine]]\nname='pump-1'", "2 of .* have the name 'pump-1'"),
         ("[[machine]]\nname='../up'", "write it as '_up'"),
+        # entries that name something which must exist, or exclude each other
         ("[[machine]]\nname='p'\npump='nosuch'", "Unknown pump 'nosuch'"),
         ("[[machine]]\nname='p'\nmodel='m.safetensors'", "does not exist"),
         ("[[machine]]\nname='p'\ncalibration='m.json'", "specify pump or pistons too"),
         ("[[machine]]\nname='p'\npump='25scy14-1b'\npistons=9", "specify only one of the two"),
         ("[[machine]]\nname='p'\nchannels=['x', 'x']", "contains a name twice"),
+        # sources; a source without a name is called by its kind, so `folder` is taken
         ("[[source]]\nkind='ftp'", "the kinds of a source are folder, mqtt, http"),
         ("[[source]]\nkind='folder'\npath='b'", "2 of .* have the name 'folder'"),
         ("[[source]]\nkind='folder'\nname='b'\npath='b'\nmachine='pump-2'", "machines are pump-1"),
+        ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\nport=99999", "65535"),
+        # a configuration is sent to others and kept under version control, a password must not be
         ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\npassword='clear'", "is written out"),
         (
             "[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\npassword='${NO_SUCH}'",
             "variable NO_SUCH, which is not set",
         ),
-        ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\nport=99999", "65535"),
+        # values out of their limits, and pages that would be open to all
         ("[alarms]\nfalse_alarm_rate=2", "<= 0.5"),
         ("[page]\nhost='0.0.0.0'", "add users"),
         ("[page]\nhttps=1", "expected true or false"),
         ("[page]\nproxy='proxy.example'", "must be an IP address"),
+        # one bracket or two
         ("[[alarms]]\n", "alarms: expected a table, got a list"),
         ("[channel]\nkind='log'\npassword='clear'", "channel: expected a list, got a table"),
     ],
 )
-def test_a_wrong_entry_is_named_in_one_line(write, addition: str, message: str) -> None:
+def test_a_wrong_entry_is_reported_in_one_line_that_names_the_file(
+    write: Write, addition: str, message: str
+) -> None:
     with pytest.raises(SwashTwinError, match=message) as caught:
         load_watch_config(write(SMALL + addition), {})
-    assert "\n" not in str(caught.value).strip()
-    assert "watch.toml" in str(caught.value)
-    assert "clear" not in str(caught.value)
+
+    report = str(caught.value)
+    assert "\n" not in report.strip()
+    assert "watch.toml" in report
+    # the password of two of the cases
+    assert "clear" not in report
 
 
-def test_a_password_in_the_url_of_the_database_is_refused_and_not_shown(write) -> None:
+def test_a_password_in_the_url_of_the_database_is_refused_and_not_shown(write: Write) -> None:
+    path = write('history = "postgresql://me:hunter2@db/x"\n' + SMALL)
+
     with pytest.raises(SwashTwinError, match="password is written out") as caught:
-        load_watch_config(write('history = "postgresql://me:hunter2@db/x"\n' + SMALL), {})
+        load_watch_config(path, {})
+
     assert "hunter2" not in str(caught.value)
 
 
-def test_beyond_loopback_users_are_needed(write, tmp_path: Path) -> None:
-    for host in ("127.0.0.1", "localhost", "::1", "127.8.9.1"):
-        assert load_watch_config(write(f"{SMALL}[page]\nhost='{host}'"), {}).page.host == host
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1", "127.8.9.1"])
+def test_a_page_for_this_computer_alone_needs_no_users(write: Write, host: str) -> None:
+    config = load_watch_config(write(f"{SMALL}[page]\nhost='{host}'"), {})
+    assert config.page.host == host
+
+
+def test_a_page_for_other_computers_is_accepted_with_users(write: Write, tmp_path: Path) -> None:
+    # Without users it is refused: see the cases of wrong entries.
     config = load_watch_config(write(f"{SMALL}[page]\nhost='0.0.0.0'\nusers='u.json'"), {})
     assert config.page.users == tmp_path / "u.json"
 
 
-def test_a_file_without_machines_or_sources_says_what_to_add(write) -> None:
-    with pytest.raises(SwashTwinError, match=r"add one with its name"):
-        load_watch_config(write("folder='a'\n[[source]]\nkind='http'"), {})
-    with pytest.raises(SwashTwinError, match=r"no \[\[source\]\]"):
-        load_watch_config(write("folder='a'\n[[machine]]\nname='a'"), {})
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        pytest.param(
+            "folder='a'\n[[source]]\nkind='http'", "add one with its name", id="no machine"
+        ),
+        pytest.param("folder='a'\n[[machine]]\nname='a'", r"no \[\[source\]\]", id="no source"),
+    ],
+)
+def test_a_file_without_machines_or_sources_is_refused_with_what_to_add(
+    write: Write, text: str, message: str
+) -> None:
+    with pytest.raises(SwashTwinError, match=message):
+        load_watch_config(write(text), {})

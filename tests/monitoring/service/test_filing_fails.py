@@ -1,9 +1,11 @@
-"""A filing whose n-th statement, write, fsync or rename fails, for every n: nothing is lost or
-there twice.
+"""Filing whose n-th statement, write, fsync or rename fails, for every n.
+
+The recording is filed once in each case: it is neither lost nor stored twice.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,30 +16,35 @@ from sqlalchemy.exc import OperationalError
 from watched_pumps import hum, watch_config
 
 from swashtwin.monitoring import History
+from swashtwin.monitoring.history import waveforms
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.service import judging
+from swashtwin.monitoring.sources import spool as spool_module
 from swashtwin.monitoring.sources.delivery import Delivery
 from swashtwin.monitoring.sources.spool import Spool
 from swashtwin.recordings import write_recording
 
+# The source and the watch repeat an action; only its first attempt meets the one failure.
+MAX_ATTEMPTS = 3
+
 
 class Failure:
-    """Lets the n-th call of a kind fail, once."""
+    """Let the n-th call of a kind fail, once."""
 
-    def __init__(self, number: int, error: Callable[[], Exception]) -> None:
-        self.left = number
-        self._error = error
+    def __init__(self, number: int, make_error: Callable[[], Exception]) -> None:
+        self._n_left = number
+        self._make_error = make_error
         self.has_failed = False
 
     def count(self, *_: Any) -> None:
-        """Count a call."""
-        self.left -= 1
-        if self.left == 0:
+        """Count a call, and raise the error if it is the n-th."""
+        self._n_left -= 1
+        if self._n_left == 0:
             self.has_failed = True
-            raise self._error()
+            raise self._make_error()
 
     def before(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """The function, which is counted first."""
+        """Return `function` with its calls counted."""
 
         def counted(*arguments: Any, **options: Any) -> Any:
             self.count()
@@ -46,83 +53,92 @@ class Failure:
         return counted
 
 
-def full() -> OSError:
+def disk_full() -> OSError:
     return OSError(28, "No space left on device")
 
 
-def busy() -> OperationalError:
+def database_busy() -> OperationalError:
     return OperationalError("statement", {}, Exception("database is locked"))
 
 
-def file_all(
-    folder: Path, content: bytes, number: int, kind: str, monkeypatch: pytest.MonkeyPatch
-) -> bool:
-    """Whether the n-th call failed while a recording arrived and was filed, repeated as its source
-    and the watch do.
-    """
-    config = watch_config(folder, '[[channel]]\nkind = "log"')
-    history = History.open("", config.folder)
-    spool = Spool(config.folder / "spool")
-    pipeline = judging.Pipeline(config, history)
-    failure = Failure(number, busy if kind == "statement" else full)
-    counter = failure.count
+@contextmanager
+def failing(
+    kind: str, number: int, history: History, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Failure]:
+    """Let the `number`-th call of a kind fail inside of the block."""
+    if kind == "statement":
+        failure = Failure(number, database_busy)
+        engine = history._database._engine
+        counter = failure.count  # one object, since a listener is removed by its identity
+        event.listen(engine, "before_cursor_execute", counter)
+        try:
+            yield failure
+        finally:
+            event.remove(engine, "before_cursor_execute", counter)
+        return
+
+    failure = Failure(number, disk_full)
     with monkeypatch.context() as patch:
-        if kind == "statement":
-            event.listen(history._database._engine, "before_cursor_execute", counter)
-        elif kind == "rename":
+        if kind == "rename":
             patch.setattr(Path, "replace", failure.before(Path.replace))
             patch.setattr(os, "replace", failure.before(os.replace))
         elif kind == "fsync":
             patch.setattr(os, "fsync", failure.before(os.fsync))
         else:
-            patch.setattr(
-                "swashtwin.monitoring.history.waveforms.write_store", failure.before(_write_store())
-            )
-            patch.setattr(
-                "swashtwin.monitoring.sources.spool._write", failure.before(_spool_write())
-            )
-        received = datetime.now(UTC)
-        repeat(lambda: spool.add(Delivery("inbox", "a.h5", received, "pump-1"), content))
+            patch.setattr(waveforms, "write_store", failure.before(waveforms.write_store))
+            patch.setattr(spool_module, "_write", failure.before(spool_module._write))
+        yield failure
+
+
+def repeat(action: Callable[[], Any]) -> Any:
+    """Return the result of the first attempt that does not fail."""
+    for _ in range(MAX_ATTEMPTS):
+        try:
+            return action()
+        except (OSError, HistoryError):
+            continue
+    raise AssertionError("each attempt failed, though only one call fails")
+
+
+def file_one_recording(
+    folder: Path, content: bytes, kind: str, number: int, monkeypatch: pytest.MonkeyPatch
+) -> bool:
+    """File a recording while the `number`-th call of a kind fails.
+
+    Return whether a call failed; otherwise there were fewer than `number`.
+    """
+    config = watch_config(folder, '[[channel]]\nkind = "log"')
+    history = History.open("", config.folder)
+    spool = Spool(config.folder / "spool")
+    pipeline = judging.Pipeline(config, history)
+    delivery = Delivery("inbox", "a.h5", datetime.now(UTC), "pump-1")
+
+    with failing(kind, number, history, monkeypatch) as failure:
+        repeat(lambda: spool.add(delivery, content))
         while (file := spool.next(0)) is not None:
             outcome = repeat(lambda file=file: pipeline.judge(file))
+            # A second copy may be rejected as a duplicate: nothing is lost by that.
             assert outcome.state in ("learning", "rejected")
             repeat(lambda file=file: spool.remove(file))
-    if kind == "statement":
-        event.remove(history._database._engine, "before_cursor_execute", counter)
-    contents = [row.content for row in history.reader.recordings()]
-    names = {row.waveform for row in history.reader.recordings()}
-    assert len(contents) == 1
-    assert all((history.waveforms.folder / str(name)).is_file() for name in names)
-    assert history.reader.machines()[0].recordings == 1
-    assert history.reader.recordings_by_state() == {("pump-1", "learning"): 1}
-    assert {row.reason for row in history.reader.rejections()} <= {"double"}
+
+    assert_filed_once(history)
     assert not list((config.folder / "spool").iterdir())
     history.close()
     return failure.has_failed
 
 
-def repeat(action: Callable[[], Any]) -> Any:
-    """What an action gives at its first attempt without a failure."""
-    for _ in range(3):
-        try:
-            return action()
-        except (OSError, HistoryError):
-            continue
-    raise AssertionError("it fails for ever")
+def assert_filed_once(history: History) -> None:
+    reader = history.reader
+    (stored,) = reader.recordings()
+    assert (history.waveforms.folder / str(stored.waveform)).is_file()
+
+    # The overview counts in columns of its own, which must agree with the rows.
+    assert reader.machines()[0].recordings == 1
+    assert reader.recordings_by_state() == {("pump-1", "learning"): 1}
+    assert {row.reason for row in reader.rejections()} <= {"double"}
 
 
-def _write_store() -> Callable[..., Any]:
-    from swashtwin.monitoring.history import waveforms
-
-    return waveforms.write_store
-
-
-def _spool_write() -> Callable[..., Any]:
-    from swashtwin.monitoring.sources import spool
-
-    return spool._write
-
-
+# The minimum keeps the patches honest: a call by another name would never fail.
 @pytest.mark.parametrize(
     ("kind", "min_calls"),
     [
@@ -136,7 +152,9 @@ def test_whichever_call_fails_once_the_recording_is_filed_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, min_calls: int
 ) -> None:
     content = write_recording(hum(1), tmp_path / "a.h5").read_bytes()
+
     number = 1
-    while file_all(tmp_path / str(number), content, number, kind, monkeypatch):
+    while file_one_recording(tmp_path / str(number), content, kind, number, monkeypatch):
         number += 1
+
     assert number > min_calls, "there must be calls that fail"

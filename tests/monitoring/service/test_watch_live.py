@@ -1,4 +1,4 @@
-"""A watch that runs: its sources, its page and its end."""
+"""A running watch: its sources, its page, and its end."""
 
 import json
 import os
@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -23,23 +23,37 @@ from swashtwin.recordings import write_recording
 pytestmark = pytest.mark.nightly
 
 
-def page() -> str:
+def page_on_free_port() -> str:
     return f"[page]\nport = {free_port()}\n"
 
 
-def mqtt(broker: Broker, group: str = "") -> str:
-    shared = f'group = "{group}"\n' if group else ""
-    return f'[[source]]\nkind = "mqtt"\nhost = "{broker.host}"\nport = {broker.port}\ntopic = "plant/+/raw"\n{shared}'
+def mqtt_source(broker: Broker, group: str = "") -> str:
+    lines = [
+        "[[source]]",
+        'kind = "mqtt"',
+        f'host = "{broker.host}"',
+        f"port = {broker.port}",
+        'topic = "plant/+/raw"',
+    ]
+    if group:
+        lines.append(f'group = "{group}"')
+    return "\n".join([*lines, ""])
 
 
-def block(seed: int) -> bytes:
-    header = {"rate": f"{RATE} Hz", "unit": "m/s^2", "channels": ["x", "y"], "type": "float32"}
-    return json.dumps(header).encode() + b"\n" + hum(seed).signal.T.astype("<f4").tobytes()
+def message(seed: int) -> bytes:
+    header = {
+        "rate": f"{RATE} Hz",
+        "unit": "m/s^2",
+        "channels": ["x", "y"],
+        "type": "float32",
+    }
+    samples = hum(seed).signal.T.astype("<f4")
+    return json.dumps(header).encode() + b"\n" + samples.tobytes()
 
 
 @contextmanager
 def watching(config: WatchConfig) -> Iterator[tuple[str, list[Outcome]]]:
-    """(address of the page, what was judged) of a watch that runs."""
+    """Run a watch, and yield the address of its page and the outcomes so far."""
     stop = threading.Event()
     started = threading.Event()
     errors = []
@@ -53,12 +67,14 @@ def watching(config: WatchConfig) -> Iterator[tuple[str, list[Outcome]]]:
     def work() -> None:
         try:
             run_watch(config, stop=stop, started=start, progress=outcomes.append)
+        # An error in a thread would only be printed, and the wait below would time out.
         except BaseException as cause:
             errors.append(cause)
             started.set()
 
     thread = threading.Thread(target=work)
     thread.start()
+
     try:
         assert started.wait(60)
         assert not errors, errors
@@ -66,12 +82,13 @@ def watching(config: WatchConfig) -> Iterator[tuple[str, list[Outcome]]]:
     finally:
         stop.set()
         thread.join(60)
+
     assert not thread.is_alive()
     assert not errors, errors
 
 
-def contents(configs: Sequence[WatchConfig]) -> list[str]:
-    history = History.open(configs[0].history_url, configs[0].folder)
+def stored_contents(config: WatchConfig) -> list[str]:
+    history = History.open(config.history_url, config.folder)
     try:
         return [row.content for row in history.reader.recordings(limit=10_000)]
     finally:
@@ -79,12 +96,16 @@ def contents(configs: Sequence[WatchConfig]) -> list[str]:
 
 
 def test_a_file_a_message_and_an_upload_are_judged(tmp_path: Path, broker: Broker) -> None:
-    config = watch_config(tmp_path, f'{mqtt(broker)}\n[[source]]\nkind = "http"\n{page()}')
+    sources = f'{mqtt_source(broker)}\n[[source]]\nkind = "http"\n'
+    config = watch_config(tmp_path, sources + page_on_free_port())
+
     with watching(config) as (address, outcomes):
         write_hum(tmp_path / "incoming" / "a.h5", 1)
         wait_for(lambda: outcomes)
-        broker.publish("plant/pump-1/raw", block(2))
+
+        broker.publish("plant/pump-1/raw", message(2))
         wait_for(lambda: len(outcomes) == 2)
+
         content = write_recording(hum(3), tmp_path / "c.h5").read_bytes()
         answer = httpx.post(
             f"{address}/api/recordings",
@@ -93,8 +114,10 @@ def test_a_file_a_message_and_an_upload_are_judged(tmp_path: Path, broker: Broke
         )
         assert answer.status_code == 202, answer.text
         wait_for(lambda: len(outcomes) == 3)
+
         health = httpx.get(f"{address}/health")
         assert health.status_code == 200, health.text
+
     assert [outcome.state for outcome in outcomes] == ["learning"] * 3
 
 
@@ -102,23 +125,35 @@ def test_watches_of_one_history_and_one_broker_share_the_work(
     tmp_path: Path, broker: Broker, postgresql_url: str
 ) -> None:
     configs = [
-        watch_config(tmp_path / name, mqtt(broker, "plant") + page(), history=postgresql_url)
+        watch_config(
+            tmp_path / name,
+            mqtt_source(broker, "plant") + page_on_free_port(),
+            history=postgresql_url,
+        )
         for name in ("a", "b")
     ]
+
     with watching(configs[0]) as (_, first), watching(configs[1]) as (_, second):
         for seed in range(12):
-            broker.publish("plant/pump-1/raw", block(seed))
+            broker.publish("plant/pump-1/raw", message(seed))
         wait_for(lambda: len(first) + len(second) == 12)
+        # A message that both had taken would be judged a little later.
         time.sleep(0.3)
+
     assert first
     assert second
     assert {outcome.state for outcome in (*first, *second)} == {"learning"}
-    assert len(set(contents(configs))) == len(contents(configs)) == 12
+    contents = stored_contents(configs[0])
+    assert len(contents) == 12
+    assert len(set(contents)) == 12
 
 
-def test_the_command_ends_well_when_the_system_asks_for_it(tmp_path: Path) -> None:
-    watch_config(tmp_path, page())
+def test_the_command_ends_well_if_the_system_terminates_it(tmp_path: Path) -> None:
+    watch_config(tmp_path, page_on_free_port())
     write_hum(tmp_path / "incoming" / "a.h5", 1)
+
+    # A process of its own, since the signal is for a whole process. Unbuffered, since the test
+    # waits for its first line.
     process = subprocess.Popen(
         [sys.executable, "-m", "swashtwin", "watch", str(tmp_path / "watch.toml")],
         stdout=subprocess.PIPE,
@@ -129,10 +164,12 @@ def test_the_command_ends_well_when_the_system_asks_for_it(tmp_path: Path) -> No
     try:
         assert process.stdout is not None
         assert "learning 1/20" in process.stdout.readline()
+        # systemd and Docker stop a service so.
         process.send_signal(signal.SIGTERM)
         out, error = process.communicate(timeout=60)
     finally:
         process.kill()
+
     assert process.returncode == 0, error
     assert "1 judged, 0 rejected, 0 waiting." in out
     assert "page at http://127.0.0.1:" in error

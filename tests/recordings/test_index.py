@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from recording_files import noise
 from scipy import io as scipy_io
@@ -87,6 +87,8 @@ RECORDINGS = st.builds(
     max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(recording=RECORDINGS, suffix=st.sampled_from(["h5", "mat"]))
+# A blank name was once written as names = [""], which no index may hold.
+@example(recording=Recording(np.ones((1, 2)), 1.0, "a", channels=(" ",)), suffix="mat")
 def test_a_written_index_loads_the_same_recordings(
     recording: Recording, suffix: str, tmp_path: Path
 ) -> None:

@@ -32,6 +32,12 @@ def test_picked_channels_come_in_the_order_asked_for(names: list[str], count: in
         np.testing.assert_array_equal(row, recording.signal[recording.channels.index(name)])
 
 
+def test_a_channel_with_a_blank_name_is_called_by_its_number() -> None:
+    recording = Recording(np.zeros((3, 4)), 8.0, "a", channels=("x", "", " "))
+
+    assert recording.channels == ("x", "channel_1", "channel_2")
+
+
 @pytest.mark.parametrize("shape", [(5,), (1, 0), (0, 5), (2, 3, 4)])
 def test_a_signal_without_channels_or_samples_is_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(DataError, match=r"a: signal has shape .*; it must be \(channel, time\)"):

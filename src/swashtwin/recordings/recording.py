@@ -54,7 +54,8 @@ class Recording:
     channels: tuple[str, ...]
     """Name of each channel, in the order of `signal`.
 
-    Names and labels are in one Unicode form (`plain_text`).
+    Names and labels are in one Unicode form (`plain_text`). A channel whose name is blank is called
+    ``channel_`` and its number from 0, as a channel of a file without names.
     """
     unit: str
     """Unit of every channel; readers convert acceleration to m/s^2 and leave other units alone."""
@@ -101,7 +102,9 @@ class Recording:
                 f"{recording_id}: {len(channels)} channel names for {samples.shape[0]} channels."
             )
 
-        channels = tuple(plain_text(name) for name in channels)
+        channels = tuple(
+            plain_text(name) or f"channel_{number}" for number, name in enumerate(channels)
+        )
         _require_unique_channels(recording_id, channels)
 
         facts = {

@@ -1,4 +1,4 @@
-"""What a careful person would see in a measurement is found, and a good one raises no alarm."""
+"""The inspection reports what a careful person would see in a measurement, and nothing else."""
 
 import re
 from dataclasses import replace
@@ -10,6 +10,7 @@ import pytest
 from swashtwin.foundation import DataError, MPa, rpm
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
+    Finding,
     Recording,
     RecordingReport,
     inspect_recordings,
@@ -18,265 +19,411 @@ from swashtwin.recordings import (
 )
 
 RATE = 6400.0
+N_SAMPLES = 38_400
+SHAFT_SPEED_RPM = 860.0
+
+# Multiples of the shaft's frequency that stand out of a pump's spectrum, the pistons' among them.
+LINE_ORDERS = (1, 2, 3, 4, 5, 7, 9, 14)
 
 
-def inspect_recording(recording: Recording) -> RecordingReport:
-    return inspect_recordings([recording]).recordings[0]
-
-
-def good(
-    seed: int = 0, *, seconds: float = 6.0, speed: float = 860.0, lines: bool = True
+def healthy_recording(
+    seed: int = 0,
+    *,
+    seconds: float = 6.0,
+    specified_rpm: float = SHAFT_SPEED_RPM,
+    has_lines: bool = True,
 ) -> Recording:
-    """Noise with lines at the shaft's and the pistons' multiples."""
+    """Return noise with lines at multiples of the shaft's frequency, which is that of 860 rpm."""
     generator = np.random.default_rng(seed)
     time = np.arange(int(seconds * RATE)) / RATE
     signal = generator.standard_normal(len(time))
-    if lines:
-        for order in (1, 2, 3, 4, 5, 7, 9, 14):
-            signal += 0.4 * np.sin(2 * np.pi * order * 860 / 60 * time + order)
-    condition = OperatingCondition(speed=rpm(speed), discharge_pressure=MPa(15.0))
+    if has_lines:
+        for order in LINE_ORDERS:
+            frequency = order * SHAFT_SPEED_RPM / 60
+            signal += 0.4 * np.sin(2 * np.pi * frequency * time + order)
+
     return Recording(
         signal=signal[None],
         sample_rate=RATE,
         recording_id=f"r{seed}",
         label="normal",
         specimen="A",
-        condition=condition,
+        condition=OperatingCondition(speed=rpm(specified_rpm), discharge_pressure=MPa(15.0)),
     )
 
 
-def changed(recording: Recording, start: int, stop: int, value: float) -> Recording:
+def overwrite_samples(recording: Recording, start: int, stop: int, value: float) -> Recording:
     signal = recording.signal.copy()
     signal[0, start:stop] = value
     return replace(recording, signal=signal)
+
+
+def smooth_sine() -> np.ndarray:
+    """Return a sine of 50 Hz whose amplitude swells from 2.1 to 3.9, three times a second."""
+    time = np.arange(N_SAMPLES) / RATE
+    return 3 * np.sin(2 * np.pi * 50 * time) * (1 + 0.3 * np.sin(2 * np.pi * 3 * time))
+
+
+def inspect_recording(recording: Recording) -> RecordingReport:
+    return inspect_recordings([recording]).recordings[0]
 
 
 def kinds(report: RecordingReport) -> list[str]:
     return [finding.kind for finding in report.findings]
 
 
-def test_two_healthy_classes_are_named() -> None:
-    recordings = [
-        replace(good(number, seconds=1.0), label=label)
-        for number, label in enumerate(("normal", "gut"))
-    ]
-    messages = {
-        finding.kind: finding.message for finding in inspect_recordings(recordings).findings
-    }
-    assert messages["several_healthy"] == "2 classes are healthy by name: gut, normal; relabel one."
+def findings_between(recordings: list[Recording], kind: str) -> list[Finding]:
+    """Return the findings of a kind that concern several recordings."""
+    return [finding for finding in inspect_recordings(recordings).findings if finding.kind == kind]
 
 
-def test_a_good_recording_raises_no_alarm() -> None:
-    report = inspect_recording(good())
-    assert report.findings == ()
+# ---- one recording
+
+
+def test_a_healthy_recording_has_no_finding() -> None:
+    recording = healthy_recording()
+
+    assert inspect_recording(recording).findings == ()
+    require_usable(recording)
+
+
+def test_a_report_states_the_statistics_of_each_channel() -> None:
+    signal = healthy_recording().signal[0]
+
+    report = inspect_recording(healthy_recording())
+
     (channel,) = report.channels
-    signal = good().signal[0]
     assert (channel.minimum, channel.maximum) == (signal.min(), signal.max())
     assert channel.rms == pytest.approx(np.sqrt((signal**2).mean()))
     assert (report.duration, report.sample_rate, report.unit) == (6.0, RATE, "m/s^2")
-    require_usable(good())
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_missing_samples_are_errors(value: float) -> None:
-    broken = changed(good(), 640, 642, value)
+def test_a_few_missing_samples_are_an_error_with_their_time(value: float) -> None:
+    broken = overwrite_samples(healthy_recording(), 640, 642, value)
+
     report = inspect_recording(broken)
+
     assert "nan" in kinds(report)
-    assert (
-        "2 of 38400 samples are missing or infinite, the first at 0.1 s"
-        in report.findings[0].message
-    )
-    assert np.isfinite(report.channels[0].maximum)
+    message = report.findings[0].message
+    assert "2 of 38400 samples are missing or infinite, the first at 0.1 s" in message
     with pytest.raises(DataError, match="r0, acceleration: 2 of 38400 samples"):
         require_usable(broken)
 
+    # the statistics are those of the other samples
+    assert np.isfinite(report.channels[0].maximum)
+
 
 @pytest.mark.parametrize(
-    ("recording", "kind", "words"),
+    ("recording", "kind", "message"),
     [
-        (
-            replace(good(), signal=np.full((1, 6400), np.nan)),
+        pytest.param(
+            replace(healthy_recording(), signal=np.full((1, 6400), np.nan)),
             "nan",
             "6400 of 6400 samples are missing or infinite",
+            id="no sample",
         ),
-        (changed(good(), 0, 38400, 2.5), "constant", "every sample is 2.5"),
-        (good(seconds=0.06), "short", "shorter than one revolution at 860 rev/min"),
-        (
-            replace(good(seconds=0.06), condition=None, attributes={"speed": "860 rpm"}),
+        # a sensor that was not connected
+        pytest.param(
+            overwrite_samples(healthy_recording(), 0, N_SAMPLES, 2.5),
+            "constant",
+            "every sample is 2.5",
+            id="constant",
+        ),
+        pytest.param(
+            healthy_recording(seconds=0.06),
+            "short",
+            "shorter than one revolution at 860 rev/min",
+            id="short by its operating point",
+        ),
+        # a speed without a pressure is no operating point, and so an attribute
+        pytest.param(
+            replace(
+                healthy_recording(seconds=0.06), condition=None, attributes={"speed": "860 rpm"}
+            ),
             "short",
             "shorter than one",
+            id="short by the speed in its attributes",
         ),
-        (
-            changed(good(), 5000, 5001, 1e20).replace(condition=None),
-            "spikes",
-            "to 1e+20 m/s^2: spikes",
-        ),
-        (changed(good(), 6400, 6480, 0.25), "flat", "the longest is 0.0125 s at 1 s"),
-        (good().replace(signal=good().signal + 9.81), "offset", "times the vibration's std"),
     ],
 )
-def test_what_is_wrong_with_a_channel_is_found_and_what_nothing_can_be_learned_from_is_refused(
-    recording: Recording, kind: str, words: str
+def test_a_recording_that_nothing_can_be_learned_from_is_refused(
+    recording: Recording, kind: str, message: str
 ) -> None:
     (finding,) = inspect_recording(recording).findings
-    assert (finding.kind, words in finding.message) == (kind, True)
-    assert finding.severity == ("error" if kind in ("nan", "constant", "short") else "warning")
-    if finding.severity == "warning":
-        require_usable(recording)
-        return
-    with pytest.raises(DataError, match=words):
+
+    assert (finding.kind, finding.severity) == (kind, "error")
+    assert message in finding.message
+    with pytest.raises(DataError, match=message):
         require_usable(recording)
 
 
+@pytest.mark.parametrize(
+    ("recording", "kind", "message"),
+    [
+        pytest.param(
+            overwrite_samples(healthy_recording(), 5000, 5001, 1e20).replace(condition=None),
+            "spikes",
+            "to 1e+20 m/s^2: spikes",
+            id="spike",
+        ),
+        # a transmission that repeats the last value until it is up again
+        pytest.param(
+            overwrite_samples(healthy_recording(), 6400, 6480, 0.25),
+            "flat",
+            "the longest is 0.0125 s at 1 s",
+            id="flat part",
+        ),
+        # a sensor for static acceleration, which also measures gravity
+        pytest.param(
+            healthy_recording().replace(signal=healthy_recording().signal + 9.81),
+            "offset",
+            "times the vibration's std",
+            id="offset",
+        ),
+    ],
+)
+def test_a_doubtful_channel_is_a_warning_and_stays_usable(
+    recording: Recording, kind: str, message: str
+) -> None:
+    (finding,) = inspect_recording(recording).findings
+
+    assert (finding.kind, finding.severity) == (kind, "warning")
+    assert message in finding.message
+    require_usable(recording)
+
+
+# 1.5 clips every period, 2.5 only those of the swell
 @pytest.mark.parametrize("limit", [1.5, 2.5])
-def test_clipping_is_a_warning_with_its_share(limit: float) -> None:
-    time = np.arange(38400) / RATE
-    smooth = 3 * np.sin(2 * np.pi * 50 * time) * (1 + 0.3 * np.sin(2 * np.pi * 3 * time))
-    clipped = replace(good(), signal=np.clip(smooth, -limit, limit)[None], condition=None)
+def test_clipping_is_a_warning_with_the_share_of_clipped_samples(limit: float) -> None:
+    signal = np.clip(smooth_sine(), -limit, limit)
+    clipped = replace(healthy_recording(), signal=signal[None], condition=None)
+
     (finding,) = inspect_recording(clipped).findings
+
+    clipped_share = np.mean(np.abs(signal) == limit)
     assert (finding.kind, finding.severity) == ("clipping", "warning")
-    share = np.mean(np.abs(clipped.signal) == limit)
-    assert f"({share:.2%})" in finding.message
+    assert f"({clipped_share:.2%})" in finding.message
     require_usable(clipped)
 
 
-@pytest.mark.parametrize(
-    ("value", "errors"), [(1e300, ["too_large"]), (1.7e308, ["too_large"]), (3e-300, [])]
-)
-def test_samples_whose_squares_overflow_or_vanish_are_inspected(
-    value: float, errors: list[str]
-) -> None:
-    signal = np.zeros((1, 38400))
+def test_a_coarsely_quantized_sine_is_not_clipped() -> None:
+    # Its extremes repeat since a slow sine changes by less than a step there.
+    time = np.arange(N_SAMPLES) / RATE
+    signal = np.round(200 * np.sin(2 * np.pi * 14.3 * time)) / 10
+    quantized = replace(healthy_recording(), signal=signal[None], condition=None)
+
+    assert inspect_recording(quantized).findings == ()
+
+
+def pulse_recordings(value: float) -> list[Recording]:
+    """Return two recordings of zeros in which every seventh sample has a value."""
+    signal = np.zeros((1, N_SAMPLES))
     signal[0, ::7] = value
-    recordings = [
-        replace(good(), signal=signal, condition=None, recording_id=name) for name in "ab"
+    return [
+        replace(healthy_recording(), signal=signal, condition=None, recording_id=name)
+        for name in "ab"
     ]
-    report = inspect_recordings(recordings)
-    assert [
-        finding.kind for finding in report.recordings[0].findings if finding.severity == "error"
-    ] == errors
-    if errors:
-        with pytest.raises(DataError, match="larger than a window can hold"):
-            require_usable(recordings[0])
 
 
-def test_a_finely_sampled_sine_is_not_called_clipped() -> None:
-    time = np.arange(38400) / RATE
-    coarse = np.round(200 * np.sin(2 * np.pi * 14.3 * time)) / 10
-    assert inspect_recording(replace(good(), signal=coarse[None], condition=None)).findings == ()
+def error_kinds(report: RecordingReport) -> list[str]:
+    return [finding.kind for finding in report.findings if finding.severity == "error"]
 
 
-@pytest.mark.parametrize("stated", [800.0, 830.0, 900.0, 930.0])
-def test_lines_beside_the_stated_speed_are_a_warning(stated: float) -> None:
-    (finding,) = inspect_recording(good(speed=stated)).findings
+# The squares of both exceed the greatest double; of the second also the sum of two samples.
+@pytest.mark.parametrize("value", [1e300, 1.7e308])
+def test_samples_whose_squares_overflow_are_an_error(value: float) -> None:
+    recordings = pulse_recordings(value)
+
+    report = inspect_recordings(recordings).recordings[0]
+
+    assert error_kinds(report) == ["too_large"]
+    with pytest.raises(DataError, match="larger than a window can hold"):
+        require_usable(recordings[0])
+
+
+def test_samples_whose_squares_vanish_are_no_error() -> None:
+    report = inspect_recordings(pulse_recordings(3e-300)).recordings[0]
+
+    assert error_kinds(report) == []
+
+
+# ---- speed and rate
+
+
+@pytest.mark.parametrize("specified_rpm", [800.0, 830.0, 900.0, 930.0])
+def test_lines_that_contradict_the_specified_speed_are_a_warning(specified_rpm: float) -> None:
+    (finding,) = inspect_recording(healthy_recording(specified_rpm=specified_rpm)).findings
+
     assert (finding.kind, finding.severity) == ("speed", "warning")
     assert "(860 rev/min)" in finding.message
-    assert f"the specified {stated:.0f} rev/min" in finding.message
+    assert f"the specified {specified_rpm:.0f} rev/min" in finding.message
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_without_lines_contradicts_no_speed(seed: int) -> None:
-    assert inspect_recording(good(seed, lines=False)).findings == ()
+    assert inspect_recording(healthy_recording(seed, has_lines=False)).findings == ()
 
 
-@pytest.mark.parametrize(("rate", "meant"), [(RATE / 1000, "6.4 kHz"), (RATE * 1000, "6400 Hz")])
-@pytest.mark.parametrize("unit", ["m/s^2", "1"])
-def test_a_rate_in_khz_that_was_given_as_hz_or_the_other_way_is_a_warning(
-    rate: float, meant: str, unit: str
+# The file's name states 700 rpm, but the lines are those of 720.
+@pytest.mark.parametrize(
+    ("specified", "expected_kinds"),
+    [("720 rpm", []), ("700 rpm", ["speed"]), ("680 rpm", ["speed"])],
+)
+def test_a_cavitating_pump_contradicts_a_speed_it_did_not_run_at(
+    public_data: Path, specified: str, expected_kinds: list[str]
 ) -> None:
-    findings = inspect_recording(replace(good(), sample_rate=rate, unit=unit)).findings
-    (finding,) = [finding for finding in findings if finding.kind == "rate"]
-    assert finding.severity == "warning"
-    assert f'If {meant} was meant, set sample_rate = "{meant}".' in finding.describe()
+    path = public_data / "pump_cavitation" / "recordings" / "05_1_s700_cavitation100.dat.gz"
+    recording = load_recording(path, unit="1", channels=["ch 0"], speed=specified)
+
+    assert kinds(inspect_recording(recording)) == expected_kinds
 
 
 @pytest.mark.parametrize(
-    ("rate", "unit"), [(10.0, "1"), (1.0, "bar"), (250e3, "m/s^2"), (200.0, "m/s^2"), (2e6, "V")]
+    ("rate", "intended"),
+    [
+        pytest.param(RATE / 1000, "6.4 kHz", id="kHz specified as Hz"),
+        pytest.param(RATE * 1000, "6400 Hz", id="Hz specified as kHz"),
+    ],
 )
-def test_rates_of_slow_sensors_and_of_fast_ones_are_not_questioned(rate: float, unit: str) -> None:
-    recording = replace(good(), sample_rate=rate, unit=unit, condition=None)
+@pytest.mark.parametrize("unit", ["m/s^2", "1"])
+def test_a_rate_that_is_off_by_a_thousand_is_a_warning_with_the_likely_one(
+    rate: float, intended: str, unit: str
+) -> None:
+    report = inspect_recording(replace(healthy_recording(), sample_rate=rate, unit=unit))
+
+    (finding,) = [finding for finding in report.findings if finding.kind == "rate"]
+    assert finding.severity == "warning"
+    assert f'If {intended} was meant, set sample_rate = "{intended}".' in finding.describe()
+
+
+@pytest.mark.parametrize(
+    ("rate", "unit"),
+    [
+        pytest.param(10.0, "1", id="slow, without a unit"),
+        pytest.param(1.0, "bar", id="pressure once a second"),
+        pytest.param(200.0, "m/s^2", id="slow accelerometer"),
+        pytest.param(250e3, "m/s^2", id="fast accelerometer"),
+        pytest.param(2e6, "V", id="acoustic emission"),
+    ],
+)
+def test_rates_of_slow_and_fast_sensors_are_not_questioned(rate: float, unit: str) -> None:
+    recording = replace(healthy_recording(), sample_rate=rate, unit=unit, condition=None)
+
     assert inspect_recording(recording).findings == ()
 
 
 # ---- between recordings
 
 
+def test_two_classes_with_names_of_healthy_ones_are_reported() -> None:
+    # "gut" is German for good
+    recordings = [
+        replace(healthy_recording(seed, seconds=1.0), label=label)
+        for seed, label in enumerate(["normal", "gut"])
+    ]
+
+    (finding,) = findings_between(recordings, "several_healthy")
+
+    assert finding.message == "2 classes are healthy by name: gut, normal; relabel one."
+
+
+# A classifier would tell classes apart by their rate.
 def test_rates_that_differ_between_classes_are_an_error() -> None:
-    other = replace(good(1), label="piston", sample_rate=2 * RATE, condition=None)
-    report = inspect_recordings([good(), other])
-    (rate,) = [finding for finding in report.findings if finding.kind == "rate"]
-    assert rate.severity == "error"
-    assert "6400 Hz: r0 (normal); 12800 Hz: r1 (piston)" in rate.message
+    faster = replace(healthy_recording(1), label="piston", sample_rate=2 * RATE, condition=None)
+
+    report = inspect_recordings([healthy_recording(), faster])
+
+    (finding,) = [finding for finding in report.findings if finding.kind == "rate"]
+    assert finding.severity == "error"
+    assert "6400 Hz: r0 (normal); 12800 Hz: r1 (piston)" in finding.message
     assert report.has_errors
-    same = inspect_recordings([good(), replace(other, label="normal")])
-    assert [finding.severity for finding in same.findings if finding.kind == "rate"] == ["error"]
 
 
-def test_a_class_of_one_recording_or_one_specimen_is_found() -> None:
-    report = inspect_recordings(
-        [good(), good(1), replace(good(2), label="piston"), replace(good(3), label=None)]
-    )
+def test_rates_that_differ_within_a_class_are_an_error() -> None:
+    faster = replace(healthy_recording(1), sample_rate=2 * RATE, condition=None)
+
+    findings = findings_between([healthy_recording(), faster], "rate")
+
+    assert [finding.severity for finding in findings] == ["error"]
+
+
+def test_classes_too_small_to_be_split_are_reported() -> None:
+    recordings = [
+        healthy_recording(),
+        healthy_recording(1),
+        replace(healthy_recording(2), label="piston"),
+        replace(healthy_recording(3), label=None),
+    ]
+
+    report = inspect_recordings(recordings)
+
     severities = {finding.kind: finding.severity for finding in report.findings}
     assert severities == {"one_specimen": "note", "one_recording": "warning", "unlabeled": "note"}
     assert not report.has_errors
 
 
 def test_a_level_far_from_that_of_its_class_is_a_warning() -> None:
-    both = [
-        replace(good(n), signal=np.repeat(good(n).signal, 2, 0), channels=("x", "y"))
-        for n in range(4)
-    ]
-    both[3] = replace(both[3], signal=100 * both[3].signal)
-    report = inspect_recordings([*both, replace(both[3], recording_id="b", label="piston")])
-    (level,) = [finding for finding in report.findings if finding.kind == "level"]
-    assert level.severity == "warning"
+    recordings = []
+    for seed in range(4):
+        recording = healthy_recording(seed)
+        both_channels = np.repeat(recording.signal, 2, axis=0)
+        recordings.append(replace(recording, signal=both_channels, channels=("x", "y")))
+    recordings[3] = replace(recordings[3], signal=100 * recordings[3].signal)
+
+    # as loud, but alone in its class
+    lone_recording = replace(recordings[3], recording_id="b", label="piston")
+
+    (finding,) = findings_between([*recordings, lone_recording], "level")
+
+    assert finding.severity == "warning"
     assert re.fullmatch(
-        r"the level of r3 is not that of normal: [\d.]+ m/s\^2 in x \(\S+ times the median \S+\), [\d.]+ m/s\^2 in y .*",
-        level.message,
+        r"the level of r3 is not that of normal: [\d.]+ m/s\^2 in x "
+        r"\(\S+ times the median \S+\), [\d.]+ m/s\^2 in y .*",
+        finding.message,
     )
 
 
-def test_a_recording_looked_at_in_parts_gets_the_findings_of_the_whole(
+# ---- long recordings
+
+
+def recordings_with_findings() -> list[Recording]:
+    """Return recordings that each have a finding, around sample 6400 if it is of some samples."""
+    # a converter of 12 bits that clips, with steps of 3.98 mm/s^2
+    counts = np.clip(np.round(healthy_recording(has_lines=False).signal * 700), -2048, 2047)
+
+    return [
+        healthy_recording(specified_rpm=900.0),
+        replace(healthy_recording(1), signal=np.clip(smooth_sine(), -2.5, 2.5)[None]),
+        replace(healthy_recording(2), signal=counts * 0.00398),
+        overwrite_samples(healthy_recording(3), 6390, 6480, 0.25),
+        overwrite_samples(healthy_recording(4), 6390, 6480, np.nan),
+        replace(healthy_recording(5), signal=healthy_recording(5).signal + 9.81),
+        replace(healthy_recording(), recording_id="copy"),
+    ]
+
+
+def test_a_copy_of_a_recording_is_reported() -> None:
+    (finding,) = findings_between(recordings_with_findings(), "duplicate")
+
+    assert "hold the same samples" in finding.message
+
+
+def test_a_recording_inspected_in_parts_has_the_findings_of_the_whole(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    time = np.arange(38400) / RATE
-    smooth = 3 * np.sin(2 * np.pi * 50 * time) * (1 + 0.3 * np.sin(2 * np.pi * 3 * time))
-    steps = np.clip(np.round(good(lines=False).signal * 700), -2048, 2047) * 0.00398
-    recordings = [
-        good(speed=900.0),
-        replace(good(1), signal=np.clip(smooth, -2.5, 2.5)[None]),
-        replace(good(2), signal=steps),
-        changed(good(3), 6390, 6480, 0.25),
-        changed(good(4), 6390, 6480, np.nan),
-        replace(good(5), signal=good(5).signal + 9.81),
-        replace(good(), recording_id="copy"),
-    ]
+    recordings = recordings_with_findings()
     whole = inspect_recordings(recordings)
-    (duplicate,) = [finding for finding in whole.findings if finding.kind == "duplicate"]
-    assert "hold the same samples" in duplicate.message
+
+    # the border between two parts lies within the flat part and the gap
     for module in ("channel_statistics", "channel_checks"):
         monkeypatch.setattr(f"swashtwin.recordings.{module}.PART_SAMPLES", 6401)
-    parts = inspect_recordings(recordings)
-    assert [kinds(report) for report in parts.recordings] == [
-        kinds(report) for report in whole.recordings
-    ]
-    assert parts.findings == whole.findings
-    for report, reference in zip(parts.recordings, whole.recordings, strict=True):
+    in_parts = inspect_recordings(recordings)
+
+    assert in_parts.findings == whole.findings
+    for report, expected in zip(in_parts.recordings, whole.recordings, strict=True):
+        assert kinds(report) == kinds(expected)
         for name in ("minimum", "maximum", "rms", "std"):
-            assert getattr(report.channels[0], name) == pytest.approx(
-                getattr(reference.channels[0], name), rel=1e-12
-            )
-
-
-# ---- public data
-
-
-@pytest.mark.parametrize(
-    ("stated", "contradicted"), [("720 rpm", False), ("700 rpm", True), ("680 rpm", True)]
-)
-def test_a_cavitating_pump_contradicts_a_speed_it_did_not_run_at(
-    public_data: Path, stated: str, contradicted: bool
-) -> None:
-    path = public_data / "pump_cavitation" / "recordings" / "05_1_s700_cavitation100.dat.gz"
-    report = inspect_recording(load_recording(path, unit="1", channels=["ch 0"], speed=stated))
-    assert kinds(report) == (["speed"] if contradicted else [])
+            value = getattr(report.channels[0], name)
+            expected_value = getattr(expected.channels[0], name)
+            assert value == pytest.approx(expected_value, rel=1e-12)

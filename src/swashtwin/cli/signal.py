@@ -25,6 +25,7 @@ from swashtwin.cli.sources import load_sources
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
+    from swashtwin.foundation import FileStamp
     from swashtwin.recordings import Recording
     from swashtwin.signals import IndicatorTable, LineSpectrum, ShaftAngle, Trend
 
@@ -154,7 +155,7 @@ def features(
     No ISO zone is printed, because no standard covers axial piston pumps. Compare with the
     machine's own baseline by swashtwin signal trend.
     """
-    from swashtwin.foundation import write_text
+    from swashtwin.foundation import file_stamp, write_text
     from swashtwin.recordings import source_files
 
     require_output(out, suffixes=[".csv"], inputs=source, marks=[_TABLE_MARK], force=force)
@@ -162,11 +163,10 @@ def features(
     recordings = load_sources(source, **reading)
 
     # An interrupted run continues only if neither the settings nor the files have changed.
-    stamps: list[tuple[str, int, int]] = []
+    stamps: list[tuple[str, FileStamp]] = []
     for path in source:
         for file in source_files(path):
-            stat = file.stat()
-            stamps.append((str(file.absolute()), stat.st_size, stat.st_mtime_ns))
+            stamps.append((str(file.absolute()), file_stamp(file)))
     settings = {
         "pistons": pistons,
         "bands": band,

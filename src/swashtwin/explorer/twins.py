@@ -11,7 +11,16 @@ from fastapi import Body
 
 from swashtwin.explorer.calibration_job import CalibrationJob
 from swashtwin.explorer.workspace import Name, Workspace
-from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, rpm, safe_file_name
+from swashtwin.foundation import (
+    DataError,
+    FileStamp,
+    InputError,
+    MPa,
+    SwashTwinError,
+    file_stamp,
+    rpm,
+    safe_file_name,
+)
 from swashtwin.pump import (
     FAULT_KINDS,
     PARAMETER_SYMBOLS,
@@ -133,8 +142,8 @@ class TwinWorkbench:
             raise InputError(f"There is no pump or calibration {name[:100]!r} here.")
         path = self._workspace.folder / name
         if path.suffix in (".toml", ".json"):
-            return self._load_start(path, path.stat().st_mtime_ns)
-        return self._load_start(name, 0)
+            return self._load_start(path, file_stamp(path))
+        return self._load_start(name, None)
 
     def _twin(self, setting: Setting) -> _Start:
         """Return the twin that a setting describes, and the calibration it started from.
@@ -419,7 +428,7 @@ def _describe_misfit(
     }
 
 
-def _load_start(source: str | Path, _: int) -> _Start:
+def _load_start(source: str | Path, _: FileStamp | None) -> _Start:
     """Load a calibration or a pump; the second argument renews the cache when the file changes."""
     from swashtwin.calibration import load_calibration
     from swashtwin.physics import Twin

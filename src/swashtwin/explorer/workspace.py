@@ -19,7 +19,7 @@ import numpy as np
 from fastapi import Query
 from jaxtyping import Float32, Float64
 
-from swashtwin.foundation import DataError, InputError, SwashTwinError
+from swashtwin.foundation import DataError, FileStamp, InputError, SwashTwinError, file_stamp
 from swashtwin.pump import is_healthy, values_match
 from swashtwin.recordings import (
     INDEX_NAME,
@@ -140,7 +140,7 @@ class Workspace:
         self.questions: dict[str, str] = {}
         self.revision = 0
         self._proposed: dict[str, Any] | None = None
-        self._index_stamp: tuple[int, int] | None = None
+        self._index_stamp: FileStamp | None = None
         self._lock = threading.RLock()
         self._opened: OrderedDict[str, Recording] = OrderedDict()
         self._extremes: OrderedDict[str, Float32[np.ndarray, "channel bin 2"]] = OrderedDict()
@@ -195,8 +195,7 @@ class Workspace:
             return
 
         with self._lock:
-            status = self.index.stat()
-            stamp = (status.st_mtime_ns, status.st_ino)
+            stamp = file_stamp(self.index)
             if stamp != self._index_stamp:
                 self._replace_table(read_index(self.index))
                 self._index_stamp = stamp

@@ -31,7 +31,9 @@ from .errors import propose_setting as propose_setting
 from .errors import render_settings as render_settings
 from .errors import spell_for_index as spell_for_index
 from .errors import spell_for_python as spell_for_python
+from .file_access import FileStamp as FileStamp
 from .file_access import as_path as as_path
+from .file_access import file_stamp as file_stamp
 from .file_access import read_text as read_text
 from .file_access import safe_file_name as safe_file_name
 from .file_access import sha256_of as sha256_of

@@ -4,8 +4,9 @@ import hashlib
 import re
 from os import PathLike
 from pathlib import Path
+from typing import NamedTuple
 
-from swashtwin.foundation.errors import DataError, InputError
+from swashtwin.foundation.errors import DataError, InputError, MissingFileError
 
 # Names that Windows reserves for devices, with any suffix.
 _WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|(com|lpt)[0-9¹²³])(?=\.|$)", re.IGNORECASE)
@@ -14,11 +15,42 @@ _WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|(com|lpt)[0-9¹²³])(?=\.|$)",
 _MAX_NAME_CHARACTERS = 100
 
 
+class FileStamp(NamedTuple):
+    """What shows that a file was changed or replaced, without reading it."""
+
+    size: int
+    """Size [byte]."""
+    modified_ns: int
+    """Time of the last change of its content [ns since 1970], which a copying program may set."""
+    changed_ns: int
+    """Time of the last change of content or metadata [ns since 1970], which no program can set."""
+    inode: int
+    """Number of the file in its file system: another one after the file was replaced."""
+
+
 def as_path(path: object) -> Path:
     """Return the path of a file; raise an `InputError` if `path` is neither text nor a path."""
     if not isinstance(path, (str, PathLike)):
         raise InputError(f"{path!r} is not a path; give the file as text or as a pathlib.Path.")
     return Path(path)
+
+
+def file_stamp(path: Path) -> FileStamp:
+    """Return the stamp of a file, by which whatever was computed from it is cached.
+
+    A recorder may write a file anew with the same size and with the date of the measurement, so
+    size and date alone would not show it.
+
+    Raises
+    ------
+    MissingFileError
+        The path is not a file.
+    """
+    if not path.is_file():
+        raise MissingFileError(f"{path} does not exist, or is not a file.")
+
+    status = path.stat()
+    return FileStamp(status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
 
 
 def read_text(path: Path) -> str:

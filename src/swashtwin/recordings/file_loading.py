@@ -9,8 +9,10 @@ from typing import Any
 
 from swashtwin.foundation import (
     DataError,
+    FileStamp,
     InputError,
     as_path,
+    file_stamp,
     parse_quantity,
     plural,
     sha256_of,
@@ -25,7 +27,7 @@ from swashtwin.recordings.fact_extraction import (
     pressures_without_unit,
 )
 from swashtwin.recordings.file_formats import open_raw, stem_of
-from swashtwin.recordings.formats.raw_file import RawFile, file_stamp, require_unchanged
+from swashtwin.recordings.formats.raw_file import RawFile, require_unchanged
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.resampling import resample
 from swashtwin.recordings.samples import Columns, Samples
@@ -151,7 +153,7 @@ def _scale_columns(
     return Columns(tuple(selected.values()), tuple(factors), raw.speeds), unit
 
 
-def _reopen(path: Path, stamp: tuple[int, int, int], entry: Entry) -> Columns:
+def _reopen(path: Path, stamp: FileStamp, entry: Entry) -> Columns:
     require_unchanged(path, stamp)
     raw = open_raw(path, entry.options)
     selected = select_columns(raw, entry, str(path))

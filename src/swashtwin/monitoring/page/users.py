@@ -25,8 +25,10 @@ from argon2.exceptions import InvalidHashError, VerificationError
 
 from swashtwin.foundation import (
     DataError,
+    FileStamp,
     InputError,
     MissingFileError,
+    file_stamp,
     from_table,
     hold_lock,
     to_table,
@@ -125,7 +127,7 @@ class UserFile:
 
     path: Path
     """Path of the file."""
-    _stamp: tuple[int, int, int] | None = field(default=None, init=False)
+    _stamp: FileStamp | None = field(default=None, init=False)
     _entries: list[Entry] = field(default_factory=list, init=False)
 
     def mark(self, name: str) -> str | None:
@@ -174,14 +176,12 @@ class UserFile:
             The file is damaged or absent.
         """
         try:
-            status = self.path.stat()
-        except FileNotFoundError:
+            stamp = file_stamp(self.path)
+        except MissingFileError:
             raise MissingFileError(
                 f"{self.path}: no such file of users; create it with swashtwin watch user."
             ) from None
 
-        # The inode changes with every write, since the file is replaced; the time alone may not.
-        stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
         if stamp != self._stamp:
             self._entries = _read_entries(self.path)
             self._stamp = stamp

@@ -23,7 +23,9 @@ from swashtwin.foundation import (
     ChildProcess,
     ChildTimeoutError,
     DataError,
+    FileStamp,
     SwashTwinError,
+    file_stamp,
     memory_limit,
 )
 from swashtwin.recordings.columns import BLOCK_SAMPLES, Column, number_type
@@ -31,7 +33,6 @@ from swashtwin.recordings.formats.clock import split_at_breaks
 from swashtwin.recordings.formats.raw_file import (
     RawFile,
     ReadOptions,
-    file_stamp,
     require_unchanged,
 )
 
@@ -63,7 +64,7 @@ class _Source:
     name: str
     """Path as the user wrote it, for messages."""
     options: ReadOptions
-    stamp: tuple[int, int, int]
+    stamp: FileStamp
     """Of `file_stamp`."""
 
 
@@ -124,7 +125,7 @@ def _request(source: _Source, function: Any, *arguments: object) -> Any:
         Whatever the reader of the format raised on purpose.
     """
     environment_limit = os.environ.get(MEMORY_VARIABLE, "")
-    timeout_s = _READ_TIMEOUT_S + source.stamp[0] / _MIN_READ_SPEED
+    timeout_s = _READ_TIMEOUT_S + source.stamp.size / _MIN_READ_SPEED
 
     def call() -> Any:
         return reader.call(
@@ -156,7 +157,7 @@ def _request(source: _Source, function: Any, *arguments: object) -> Any:
         ) from cause
     except MemoryError as cause:
         raise DataError(
-            f"{source.name} of {source.stamp[0] / 1e9:.3g} GB takes more than the limit of "
+            f"{source.name} of {source.stamp.size / 1e9:.3g} GB takes more than the limit of "
             f"{memory_limit() / 1e9:.3g} GB of memory to read; if the file is right, set "
             f"{MEMORY_VARIABLE} to more."
         ) from cause

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from swashtwin.foundation import DataError, MissingFileError, memory_limit
+from swashtwin.foundation import DataError, FileStamp, file_stamp, memory_limit
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column
 
@@ -27,22 +27,7 @@ _MAX_COMPRESSION = 100
 _CONVERTER_RATES_HZ = (51200.0, 65536.0, 48000.0, 44100.0, 100000.0)
 
 
-def file_stamp(path: Path) -> tuple[int, int, int]:
-    """Return size [byte], time of the last change [ns] and inode, which identify a file's content.
-
-    Raises
-    ------
-    MissingFileError
-        The path is not a file.
-    """
-    if not path.is_file():
-        raise MissingFileError(f"{path} does not exist, or is not a file.")
-
-    stat = path.stat()
-    return stat.st_size, stat.st_mtime_ns, stat.st_ino
-
-
-def require_unchanged(path: Path, stamp: tuple[int, int, int]) -> None:
+def require_unchanged(path: Path, stamp: FileStamp) -> None:
     """Refuse a file that was removed or changed since it had this `file_stamp`."""
     if not path.is_file():
         raise DataError(

@@ -10,8 +10,11 @@ from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, compare_with_h
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.learning import cut_windows, fit_best_candidate
 from swashtwin.learning.recordings.recording_bands import RecordingBandLayout
-from swashtwin.learning.recordings.recording_table import RecordingTable
-from swashtwin.learning.recordings.stretches import join_windows, recording_rows
+from swashtwin.learning.recordings.recording_table import (
+    RecordingTable,
+    join_windows,
+    recording_rows,
+)
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 

@@ -24,7 +24,7 @@ from swashtwin.learning import (
 
 KIND = "classifier"
 """Kind of the artifact."""
-_VERSION = 9
+_VERSION = 10
 _MAY_BE_NAN = (
     "training_reference.condition",
     "recordings.healthy.condition",

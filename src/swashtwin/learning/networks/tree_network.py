@@ -4,11 +4,12 @@ Arrays can be read from a file without running code, which a pickle cannot.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64, Int
+from jaxtyping import Float, Float32, Float64, Int, Int16, Int32
 
 from swashtwin.foundation import derive_seed
 from swashtwin.learning.features import feature_names, feature_values
@@ -17,18 +18,66 @@ from swashtwin.learning.networks.solved_network import SolvedNetwork
 
 @dataclass(frozen=True, eq=False)
 class Forest:
-    """Decision trees whose nodes stand in one list, tree after tree."""
+    """Decision trees whose nodes stand in one list, tree after tree.
 
-    root: Int[np.ndarray, " tree"]
+    Raises
+    ------
+    ValueError
+        The arrays contradict each other, as in a damaged file.
+    """
+
+    root: Int32[np.ndarray, " tree"]
     """First node of each tree."""
-    column: Int[np.ndarray, " node"]
+    column: Int16[np.ndarray, " node"]
     """Column that a node compares; -1 in a leaf."""
-    threshold: Float[np.ndarray, " node"]
+    threshold: Float32[np.ndarray, " node"]
     """A row goes left if its value is at most this."""
-    left: Int[np.ndarray, " node"]
+    left: Int32[np.ndarray, " node"]
     """Node on the left; a leaf names itself. The node on the right follows it."""
-    probability: Float[np.ndarray, "node class"]
-    """Share of each class among the training rows in a node, classes weighted alike."""
+    leaf_probability: Float32[np.ndarray, "leaf class"]
+    """Share of each class among the training rows in a leaf, classes weighted alike."""
+
+    def __post_init__(self) -> None:
+        if [getattr(self, field.name).dtype.kind for field in fields(self)] != [*"iifif"]:
+            raise ValueError("its trees have values of another type")
+        nodes = np.arange(self.column.size)
+        is_leaf = self.column < 0
+        has_consistent_sizes = (
+            self.column.ndim == 1
+            and self.column.shape == self.threshold.shape == self.left.shape
+            and self.leaf_probability.shape[:1] == (is_leaf.sum(),)
+            and self.leaf_probability.ndim == 2
+        )
+        if (
+            not has_consistent_sizes
+            or self.root.size == 0
+            or not ((self.root >= 0) & (self.root < nodes.size)).all()
+        ):
+            raise ValueError("its trees do not have one entry for each node")
+
+        # Without these two, walking down a tree of a damaged file would never end, or leave it.
+        left_of_inner = self.left[~is_leaf]
+        if (self.left[is_leaf] != nodes[is_leaf]).any() or (left_of_inner <= nodes[~is_leaf]).any():
+            raise ValueError("a node of its trees leads back")
+        if (left_of_inner >= nodes.size - 1).any():
+            raise ValueError("a node of its trees leads out of them")
+
+    @cached_property
+    def probability(self) -> Float64[np.ndarray, "node class"]:
+        """Share of each class in a node, summing to 1; only those of leaves count."""
+        shares = self.leaf_probability.astype(np.float64)
+        probability = np.full((self.column.size, self.n_classes), 1 / self.n_classes)
+        probability[self.column < 0] = shares / shares.sum(axis=1, keepdims=True)
+        return probability
+
+    @property
+    def n_classes(self) -> int:
+        """Number of classes."""
+        return self.leaf_probability.shape[1]
+
+    def fits(self, n_columns: int, n_classes: int) -> bool:
+        """Return whether it has these classes and compares only these columns."""
+        return self.n_classes == n_classes and int(self.column.max(initial=-1)) < n_columns
 
     def leaves(self, values: Float[np.ndarray, "row column"]) -> Int[np.ndarray, "row tree"]:
         """Return the leaf that each row reaches in each tree."""
@@ -47,54 +96,6 @@ class Forest:
     ) -> Float[np.ndarray, "row class"]:
         """Return the probability of each class: the mean over the trees."""
         return self.probability[self.leaves(values)].mean(axis=1)
-
-    def tensors(self, share_type: type = np.float16) -> dict[str, np.ndarray]:
-        """Return its arrays by name, in narrow types.
-
-        Parameters
-        ----------
-        share_type : type of the shares of classes in a leaf.
-        """
-        return {
-            "root": self.root.astype(np.int32),
-            "column": self.column.astype(np.int16),
-            "threshold": self.threshold.astype(np.float32),
-            "left": self.left.astype(np.int32),
-            "leaf_probability": self.probability[self.column < 0].astype(share_type),
-        }
-
-    @classmethod
-    def of_tensors(cls, tensors: dict[str, np.ndarray]) -> "Forest":
-        """Return the forest of `tensors`; raise a `ValueError` if they contradict each other."""
-        root = tensors["root"].astype(np.int64)
-        column = tensors["column"].astype(np.int64)
-        left = tensors["left"].astype(np.int64)
-        threshold = tensors["threshold"].astype(np.float64)
-        leaf_probability = tensors["leaf_probability"].astype(np.float64)
-        is_leaf = column < 0
-
-        has_consistent_sizes = (
-            column.ndim == 1
-            and column.shape == threshold.shape == left.shape
-            and leaf_probability.shape[0] == is_leaf.sum()
-        )
-        if (
-            not has_consistent_sizes
-            or root.size == 0
-            or not ((root >= 0) & (root < column.size)).all()
-        ):
-            raise ValueError("its trees do not have one entry for each node")
-        # Without these two, walking down a tree of a damaged file would never end, or leave it.
-        nodes = np.arange(column.size)
-        if (left[is_leaf] != nodes[is_leaf]).any() or (left[~is_leaf] <= nodes[~is_leaf]).any():
-            raise ValueError("a node of its trees leads back")
-        if (left[~is_leaf] + 1 >= column.size).any():
-            raise ValueError("a node of its trees leads out of them")
-
-        n_classes = leaf_probability.shape[1]
-        probability = np.full((column.size, n_classes), 1 / n_classes)
-        probability[is_leaf] = leaf_probability / leaf_probability.sum(axis=1, keepdims=True)
-        return cls(root, column, threshold, left, probability)
 
 
 def forest_of(
@@ -115,10 +116,15 @@ def forest_of(
         n_nodes += estimator.tree_.node_count
     column, threshold, left, shares = (np.concatenate(part) for part in zip(*parts, strict=True))
 
-    probability = np.zeros((n_nodes, n_classes))
-    probability[:, classes] = shares
+    leaf_shares = shares[column < 0]
+    leaf_probability = np.zeros((len(leaf_shares), n_classes), dtype=np.float32)
+    leaf_probability[:, classes] = leaf_shares
     return Forest(
-        np.array(roots), column.astype(np.int64), threshold, left.astype(np.int64), probability
+        root=np.array(roots, dtype=np.int32),
+        column=column.astype(np.int16),
+        threshold=threshold.astype(np.float32),
+        left=left.astype(np.int32),
+        leaf_probability=leaf_probability,
     )
 
 
@@ -203,14 +209,13 @@ class ExtraTrees(SolvedNetwork):
         ensemble = ensemble_class(self.settings["trees"], random_state=state, n_jobs=1)
         ensemble.fit(values, target)
         forest = forest_of(ensemble.estimators_, ensemble.classes_, self.n_classes)
-        self.loaded(forest.tensors(np.float32))
+        self.loaded({field.name: getattr(forest, field.name) for field in fields(forest)})
 
     def loaded(self, weights: Mapping[str, np.ndarray]) -> "ExtraTrees":
         """Return these trees with saved nodes; raise a `ValueError` if they are contradictory."""
-        forest = Forest.of_tensors(dict(weights))
+        forest = Forest(**weights)
         n_columns = len(feature_names([""] * self.n_channels))
-        has_classes = forest.probability.shape[1] == self.n_classes
-        if not has_classes or forest.column.max(initial=-1) >= n_columns:
+        if not forest.fits(n_columns, self.n_classes):
             raise ValueError("its trees do not fit the classes and channels")
         self.weights = dict(weights)
         self.forest = forest

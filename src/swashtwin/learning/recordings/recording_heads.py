@@ -1,8 +1,6 @@
 """Trees that classify whole recordings, clean and noisy ones."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Float64, Int
@@ -11,51 +9,26 @@ from swashtwin.foundation import derive_seed
 from swashtwin.learning.networks.tree_network import Forest, forest_of
 
 N_TREES = 150
-"""Trees of a head."""
+"""Trees of a forest."""
 MIN_PROBABILITY = 1e-3
 """Smallest probability by trees: their leaves are certain, but a new machine is not."""
 
 
 @dataclass(frozen=True, eq=False)
-class Head:
-    """Extremely randomized trees on band powers or their changes."""
-
-    trees: Mapping[str, np.ndarray]
-    """`Forest.tensors`."""
-
-    def __post_init__(self) -> None:
-        _ = self._forest  # raises a `ValueError` if the trees contradict each other
-
-    @cached_property
-    def _forest(self) -> Forest:
-        return Forest.of_tensors(dict(self.trees))
-
-    def fits(self, n_columns: int, n_classes: int) -> bool:
-        """Return whether its trees have these classes and compare only these columns."""
-        has_classes = self._forest.probability.shape[1] == n_classes
-        return has_classes and int(self._forest.column.max(initial=-1)) < n_columns
-
-    def log_probabilities(
-        self, values: Float[np.ndarray, "recording column"]
-    ) -> Float64[np.ndarray, "recording class"]:
-        """Return the logarithms of the probabilities."""
-        probability = self._forest.predict_proba(values.astype(np.float32))
-        return np.log(np.maximum(probability, MIN_PROBABILITY))
-
-
-@dataclass(frozen=True, eq=False)
 class Heads:
-    """A head for clean recordings, one for noisy ones, and a gate that weighs the two.
+    """Trees for clean recordings, trees for noisy ones, and a gate that weighs the two.
+
+    All are extremely randomized trees on band powers or their changes.
 
     Trained on both at once, changes from a machine's own healthy recordings lost 6 points on clean
     recordings of new pumps (rig fleets 100 and 101 of version 2), trained on clean ones alone 40
     points under noise at 5 dB.
     """
 
-    clean: Head
-    noisy: Head
+    clean: Forest
+    noisy: Forest
     """Trained on clean and on noisy recordings."""
-    gate: Head
+    gate: Forest
     """Of the classes clean and noisy."""
 
     def fit_sizes(self, n_columns: int, n_classes: int) -> bool:
@@ -70,9 +43,11 @@ class Heads:
         self, values: Float[np.ndarray, "recording column"]
     ) -> Float64[np.ndarray, "recording class"]:
         """Return the logarithms of the probabilities, weighted by the gate."""
-        gate = self.gate.log_probabilities(values)
-        clean = self.clean.log_probabilities(values)
-        noisy = self.noisy.log_probabilities(values)
+        rows = values.astype(np.float32)
+        gate, clean, noisy = (
+            np.log(np.maximum(forest.predict_proba(rows), MIN_PROBABILITY))
+            for forest in (self.gate, self.clean, self.noisy)
+        )
         return np.logaddexp(gate[:, :1] + clean, gate[:, 1:] + noisy)
 
 
@@ -87,18 +62,18 @@ def fit_heads(
     rows = values.reshape(n_copies * n_recordings, -1)
     is_noisy = np.repeat(np.minimum(np.arange(n_copies), 1), n_recordings)
     return Heads(
-        clean=_fit_head(values[0], target, n_classes, derive_seed(seed, "clean")),
-        noisy=_fit_head(rows, np.tile(target, n_copies), n_classes, derive_seed(seed, "noisy")),
-        gate=_fit_head(rows, is_noisy, 2, derive_seed(seed, "gate")),
+        clean=_fit_forest(values[0], target, n_classes, derive_seed(seed, "clean")),
+        noisy=_fit_forest(rows, np.tile(target, n_copies), n_classes, derive_seed(seed, "noisy")),
+        gate=_fit_forest(rows, is_noisy, 2, derive_seed(seed, "gate")),
     )
 
 
-def _fit_head(
+def _fit_forest(
     values: Float[np.ndarray, "row column"],
     target: Int[np.ndarray, " row"],
     n_classes: int,
     seed: int,
-) -> Head:
+) -> Forest:
     from sklearn import config_context
     from sklearn.tree import ExtraTreeClassifier
     from sklearn.utils.class_weight import compute_sample_weight
@@ -113,5 +88,4 @@ def _fit_head(
         for state in states:
             tree = ExtraTreeClassifier(random_state=state)
             estimators.append(tree.fit(rows, target, weights, check_input=False))
-    forest = forest_of(estimators, estimators[0].classes_, n_classes)
-    return Head(forest.tensors(np.float32))
+    return forest_of(estimators, estimators[0].classes_, n_classes)

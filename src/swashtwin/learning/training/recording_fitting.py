@@ -14,8 +14,8 @@ from swashtwin.learning.recordings.recording_model import (
     RecordingModel,
     combine_votes,
 )
-from swashtwin.learning.recordings.recording_table import RecordingTable
-from swashtwin.learning.recordings.stretches import (
+from swashtwin.learning.recordings.recording_table import (
+    RecordingTable,
     Stretch,
     measure_recordings,
     recording_rows,

@@ -16,6 +16,5 @@ def twin(pump: Pump, at_15: OperatingCondition) -> "Twin":
     """A recess, up to 2.6 kHz."""
     from swashtwin.physics import Twin  # which needs torch
 
-    return Twin(
-        pump, at_15, SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)), bandwidth=2600
-    )
+    recess = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6))
+    return Twin(pump, at_15, recess, bandwidth=2600)

@@ -1,7 +1,7 @@
-"""What a calibration takes from recordings, and what it refuses."""
+"""The lines that a calibration measures, and the recordings that it uses, excludes or refuses."""
 
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -23,51 +23,55 @@ def test_the_measured_lines_of_a_clean_recording_are_the_twins(
     twin: Twin, recording: Recording
 ) -> None:
     measurement = measure(twin, [recording])
-    lines = twin.acceleration().abs().numpy()[:, np.isin(twin.orders, measurement.orders)]
+    # 24 multiples of the piston frequency lie within the band
     assert measurement.orders.tolist() == list(range(7, 175, 7))
+
+    lines = twin.acceleration().abs().numpy()[:, np.isin(twin.orders, measurement.orders)]
     np.testing.assert_allclose(measurement.amplitude, lines, rtol=5e-3, atol=2e-3 * lines.max())
 
 
-def test_the_deviation_of_two_recordings_holds_the_difference_between_them(
+def test_the_deviation_of_two_recordings_covers_the_difference_between_them(
     twin: Twin, recording: Recording
 ) -> None:
     louder = replace(recording, signal=1.2 * recording.signal, recording_id="rec-2")
-    both = measure(twin, [recording, louder])
+    pair = measure(twin, [recording, louder])
     single = measure(twin, [recording])
-    np.testing.assert_allclose(both.amplitude, 1.1 * single.amplitude)
-    assert np.all(both.deviation >= 0.0999 * single.amplitude)
+
+    np.testing.assert_allclose(pair.amplitude, 1.1 * single.amplitude)
+    # each lies 10 % from the mean, less a rounding error
+    assert np.all(pair.deviation >= 0.0999 * single.amplitude)
 
 
 def test_only_recordings_of_the_twins_label_speed_and_pressure_are_used(
     twin: Twin, recording: Recording
 ) -> None:
-    at_15 = twin.condition
-    others = [
-        replace(
-            recording, recording_id="10 MPa", condition=at_15.replace(discharge_pressure=MPa(10))
-        ),
-        replace(recording, recording_id="fast", condition=at_15.replace(speed=1.02 * at_15.speed)),
-        replace(recording, recording_id="normal", label="normal"),
-        replace(recording, recording_id="unknown", condition=None),
+    condition = twin.condition
+
+    def variant(name: str, **changes: Any) -> Recording:
+        return replace(recording, recording_id=name, **changes)
+
+    unlike = [
+        variant("10 MPa", condition=condition.replace(discharge_pressure=MPa(10))),
+        variant("fast", condition=condition.replace(speed=1.02 * condition.speed)),
+        variant("normal", label="normal"),
+        variant("unknown", condition=None),
     ]
-    near = replace(
-        recording, recording_id="near", condition=at_15.replace(discharge_pressure=MPa(15.8))
-    )
-    measurement = measure(twin, [*others, near, recording])
-    assert measurement.recording_ids == ("near", "rec-1")
-    assert [name for name, _ in measurement.excluded_recordings] == [
-        "10 MPa",
-        "fast",
-        "normal",
-        "unknown",
-    ]
+    similar = variant("similar", condition=condition.replace(discharge_pressure=MPa(15.8)))
+
+    measurement = measure(twin, [*unlike, similar, recording])
+
+    assert measurement.recording_ids == ("similar", "rec-1")
+    excluded_ids = [name for name, _ in measurement.excluded_recordings]
+    assert excluded_ids == ["10 MPa", "fast", "normal", "unknown"]
 
 
-def test_one_channel_is_enough_but_must_be_the_same_in_all(
-    twin: Twin, recording: Recording
-) -> None:
+def test_one_channel_is_enough(twin: Twin, recording: Recording) -> None:
     single = recording.select_channels(["body_y"])
     assert measure(twin, [single]).amplitude.shape[0] == 1
+
+
+def test_recordings_of_different_channels_are_refused(twin: Twin, recording: Recording) -> None:
+    single = recording.select_channels(["body_y"])
     with pytest.raises(DataError, match="Select the same"):
         measure(twin, [recording, replace(single, recording_id="rec-2")])
 
@@ -84,6 +88,7 @@ def test_one_channel_is_enough_but_must_be_the_same_in_all(
             "a twin of swash_plate has lines at multiples of 7 only. Use the piston-pass lines",
         ),
     ],
+    ids=["beyond the samples", "upper limit first", "below the first line", "lines of a recess"],
 )
 def test_a_band_without_lines_is_refused(
     twin: Twin,

@@ -1,7 +1,8 @@
-"""What to record next: expected widths are those that a calibration then has."""
+"""Plans of the next recording: predicted interval widths are those of the next calibration."""
 
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from swashtwin.calibration import (
     Calibration,
     GaussNewton,
     Nuisances,
+    RecordingPlan,
     calibrate,
     load_calibration,
     plan_recording,
@@ -22,8 +24,8 @@ from swashtwin.pump import OperatingCondition, Pump, Sensor
 from swashtwin.recordings import Recording
 from swashtwin.signals import add_noise
 
-USUAL = ("cover_z", "body_y", "body_x")
-MOVED = ("cover_z", "body_y", "cover_y")
+CHANNELS = ("cover_z", "body_y", "body_x")
+MOVED_CHANNELS = ("cover_z", "body_y", "cover_y")
 
 
 @pytest.fixture(scope="module")
@@ -35,23 +37,27 @@ def machine(pump: Pump, at_15: OperatingCondition) -> Twin:
 
 
 def recording_at(
-    machine: Twin, speed: float, pressure: float, channels: tuple[str, ...] = USUAL, seed: int = 0
+    machine: Twin,
+    speed: float,
+    pressure: float,
+    channels: tuple[str, ...] = CHANNELS,
+    seed: int = 0,
 ) -> Recording:
-    """Noisy recording of 1.3 s."""
-    there = machine.at(
-        machine.condition.replace(speed=rpm(speed), discharge_pressure=MPa(pressure))
-    )
-    recording = there.simulate(
-        1.3, 6400.0, phase=1.0 + seed, recording_id=f"{speed:g} {pressure:g} {seed}"
-    )
+    """Noisy recording of 1.3 s at `speed` [rev/min] and `pressure` [MPa]."""
+    condition = machine.condition.replace(speed=rpm(speed), discharge_pressure=MPa(pressure))
+    name = f"{speed:g} {pressure:g} {seed}"
+    recording = machine.at(condition).simulate(1.3, 6400.0, phase=1.0 + seed, recording_id=name)
     recording = recording.select_channels(list(channels))
     return recording.replace(signal=add_noise(recording.signal, 30.0, seed))
 
 
-def calibrated(machine: Twin, *recordings: Recording) -> Calibration:
-    method = GaussNewton(starts=1)
+def calibrate_machine(machine: Twin, *recordings: Recording) -> Calibration:
     return calibrate(
-        machine.pump, recordings, method=method, nuisances=Nuisances.housing(), explain_misfit=False
+        machine.pump,
+        recordings,
+        method=GaussNewton(starts=1),
+        nuisances=Nuisances.housing(),
+        explain_misfit=False,
     )
 
 
@@ -62,115 +68,150 @@ def first(machine: Twin) -> Recording:
 
 @pytest.fixture(scope="module")
 def calibration(machine: Twin, first: Recording) -> Calibration:
-    return calibrated(machine, first)
+    return calibrate_machine(machine, first)
 
 
-def test_the_width_that_was_foretold_comes_true(
+def test_the_predicted_width_is_that_of_the_next_calibration(
     machine: Twin, calibration: Calibration, first: Recording
 ) -> None:
-    (foretold,) = plan_recording(calibration, speeds=[rpm(1500)], pressures=[MPa(15)]).candidates
-    after = calibrated(machine, first, recording_at(machine, 1500, 15))
-    assert foretold.total_interval_width < sum_interval_widths(calibration.estimates) - 1
-    assert foretold.total_interval_width == pytest.approx(
-        sum_interval_widths(after.estimates), abs=0.15
-    )
-    assert foretold.duration == pytest.approx(1.3)
-    assert all(factor >= 1 - 1e-3 for factor in foretold.narrowing_factors.values())
+    (candidate,) = plan_recording(calibration, speeds=[rpm(1500)], pressures=[MPa(15)]).candidates
+    assert candidate.total_interval_width < sum_interval_widths(calibration.estimates) - 1
+    assert candidate.duration == pytest.approx(1.3)
+    # a further recording takes no information away
+    assert all(factor >= 1 - 1e-3 for factor in candidate.narrowing_factors.values())
+
+    next_calibration = calibrate_machine(machine, first, recording_at(machine, 1500, 15))
+    width = sum_interval_widths(next_calibration.estimates)
+    assert candidate.total_interval_width == pytest.approx(width, abs=0.15)
 
 
-def test_a_sensor_elsewhere_is_foretold_and_calibrated_with_the_others(
+def test_a_moved_sensor_is_planned_and_calibrated_with_the_others(
     machine: Twin, calibration: Calibration, first: Recording
 ) -> None:
-    (foretold,) = plan_recording(
-        calibration, speeds=[rpm(860)], pressures=[MPa(15)], sensors=[MOVED]
+    (candidate,) = plan_recording(
+        calibration, speeds=[rpm(860)], pressures=[MPa(15)], sensors=[MOVED_CHANNELS]
     ).candidates
-    after = calibrated(machine, first, recording_at(machine, 860, 15, MOVED))
-    assert after.posterior.channels == (*USUAL, "cover_y")
-    assert [fit.spectra.channels for fit in after.fits] == [USUAL, MOVED]
-    assert foretold.total_interval_width == pytest.approx(
-        sum_interval_widths(after.estimates), abs=0.25
-    )
-    for estimate, value in zip(after.estimates, machine.values.tolist(), strict=True):
+    moved = recording_at(machine, 860, 15, MOVED_CHANNELS)
+    next_calibration = calibrate_machine(machine, first, moved)
+
+    assert next_calibration.posterior.channels == (*CHANNELS, "cover_y")
+    fitted_channels = [fit.spectra.channels for fit in next_calibration.fits]
+    assert fitted_channels == [CHANNELS, MOVED_CHANNELS]
+
+    width = sum_interval_widths(next_calibration.estimates)
+    assert candidate.total_interval_width == pytest.approx(width, abs=0.25)
+    for estimate, value in zip(next_calibration.estimates, machine.values.tolist(), strict=True):
         assert estimate.interval[0] <= value <= estimate.interval[1]
 
 
-def test_a_repetition_with_fewer_sensors_is_no_new_information(
+def test_a_repetition_with_fewer_sensors_adds_no_information(
     machine: Twin, calibration: Calibration, first: Recording
 ) -> None:
-    again = recording_at(machine, 860, 10, USUAL[:2], seed=1)
-    before, after = (
-        sum_interval_widths(calibration.estimates),
-        sum_interval_widths(calibrated(machine, first, again).estimates),
-    )
-    assert after == pytest.approx(before, abs=0.4)
-    (foretold,) = plan_recording(
-        calibration, speeds=[rpm(860)], pressures=[MPa(10)], sensors=[USUAL[:2]]
+    fewer_channels = CHANNELS[:2]
+    repetition = recording_at(machine, 860, 10, fewer_channels, seed=1)
+    next_calibration = calibrate_machine(machine, first, repetition)
+    width = sum_interval_widths(next_calibration.estimates)
+    assert width == pytest.approx(sum_interval_widths(calibration.estimates), abs=0.4)
+
+    (candidate,) = plan_recording(
+        calibration, speeds=[rpm(860)], pressures=[MPa(10)], sensors=[fewer_channels]
     ).candidates
-    assert foretold.total_interval_width == pytest.approx(after, abs=0.15)
+    assert candidate.total_interval_width == pytest.approx(width, abs=0.15)
 
 
-def test_candidates_are_ranked_within_the_rating_and_a_repetition_comes_last(
-    calibration: Calibration,
-) -> None:
+def test_candidates_stay_within_the_rating_and_long_enough(calibration: Calibration) -> None:
+    candidates = plan_recording(calibration).candidates
+    # one speed at three pressures: 860 rev/min is rated, and at less 1.3 s are below 16 revolutions
+    assert len(candidates) == 3
+    assert max(each.speed for each in candidates) == pytest.approx(rpm(860))
+    assert max(each.discharge_pressure for each in candidates) == pytest.approx(MPa(15))
+
+
+def test_candidates_are_ranked_by_width_with_a_repetition_last(calibration: Calibration) -> None:
     plan = plan_recording(calibration)
-    widths = [item.total_interval_width for item in plan.candidates]
-    assert (
-        len(widths) == 3
-    )  # 860 rev/min is the rated speed, and at less 1.3 s are below 16 revolutions
-    assert max(item.speed for item in plan.candidates) == pytest.approx(rpm(860))
-    assert max(item.discharge_pressure for item in plan.candidates) == pytest.approx(MPa(15))
+    widths = [candidate.total_interval_width for candidate in plan.candidates]
     assert widths == sorted(widths)
     assert plan.total_interval_width == sum_interval_widths(calibration.estimates)
-    last = plan.candidates[-1]
-    assert (last.speed, last.discharge_pressure) == pytest.approx((rpm(860), MPa(10)))
+
+    repetition = plan.candidates[-1]
+    condition = (repetition.speed, repetition.discharge_pressure)
+    assert condition == pytest.approx((rpm(860), MPa(10)))
 
 
-def test_what_cannot_be_planned_is_said_in_plain_words(calibration: Calibration) -> None:
-    with pytest.raises(
-        InputError,
-        match=r"sensors \(top\) must be different sensors of the pump, which has cover_z",
-    ):
-        plan_recording(calibration, sensors=[["top"]])
-    with pytest.raises(InputError, match="Specify at least one speed"):
-        plan_recording(calibration, speeds=[])
-    with pytest.raises(InputError, match="shorter than 16 revolutions: record longer"):
-        plan_recording(calibration, speeds=[rpm(60)])
-    with pytest.raises(InputError, match="contains no multiple of the piston-pass frequency"):
-        plan_recording(
-            replace(calibration, settings={**calibration.settings, "band": [0, 150]}),
-            speeds=[rpm(1500)],
-        )
-
-
-def test_the_command_ranks_what_the_function_ranks(
-    calibration: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            {"sensors": [["top"]]},
+            r"sensors \(top\) must be different sensors of the pump, which has cover_z",
+        ),
+        ({"speeds": []}, "Specify at least one speed"),
+        ({"speeds": [rpm(60)]}, "shorter than 16 revolutions: record longer"),
+    ],
+    ids=["unknown sensor", "no speed", "too slow for the duration"],
+)
+def test_impossible_candidates_are_refused_with_the_remedy(
+    calibration: Calibration, arguments: dict[str, Any], message: str
 ) -> None:
-    path = calibration.save(tmp_path / "calibration.json")
-    words = ("twin", "next", path, "--speeds", "600 rpm, 1500 rpm", "--pressures", "5 MPa,15 MPa")
-    answer = run_json(*words, "--sensors", "cover_z, body_y, body_x")
-    plan = plan_recording(
-        load_calibration(path),
-        speeds=[rpm(600), rpm(1500)],
-        pressures=[MPa(5), MPa(15)],
-    )
+    with pytest.raises(InputError, match=message):
+        plan_recording(calibration, **arguments)
+
+
+def test_a_band_without_lines_at_a_speed_is_refused(calibration: Calibration) -> None:
+    # 1500 rev/min have the first line at 175 Hz
+    low_band = replace(calibration, settings={**calibration.settings, "band": [0, 150]})
+    with pytest.raises(InputError, match="contains no multiple of the piston-pass frequency"):
+        plan_recording(low_band, speeds=[rpm(1500)])
+
+
+@pytest.fixture
+def path(calibration: Calibration, tmp_path: Path) -> Path:
+    return calibration.save(tmp_path / "calibration.json")
+
+
+@pytest.fixture
+def command(path: Path) -> tuple[Any, ...]:
+    grid = ("--speeds", "600 rpm, 1500 rpm", "--pressures", "5 MPa,15 MPa")
+    return ("twin", "next", path, *grid)
+
+
+@pytest.fixture
+def plan(path: Path) -> RecordingPlan:
+    speeds = [rpm(600), rpm(1500)]
+    pressures = [MPa(5), MPa(15)]
+    return plan_recording(load_calibration(path), speeds=speeds, pressures=pressures)
+
+
+def test_the_command_ranks_as_the_function(command: tuple[Any, ...], plan: RecordingPlan) -> None:
+    printed = run_json(*command, "--sensors", "cover_z, body_y, body_x")["candidates"]
     expected = asdict(plan)["candidates"]
     for name in ("speed", "discharge_pressure", "duration", "total_interval_width"):
-        answered, wanted = (
-            [row[name] for row in rows] for rows in (answer["candidates"], expected)
-        )
-        np.testing.assert_allclose(answered, wanted)
-    shown = run(*words).stdout
-    assert "Candidates for the next recording" in shown
-    assert "1500 rpm" in shown
-    assert "must be different sensors of the pump" in one_line(
-        run("twin", "next", path, "--sensors", "top", code=3)
-    )
-    assert "600" in one_line(run("twin", "next", path, "--speeds", "600", code=3))
-    widened = replace(plan, total_interval_width=plan.candidates[1].total_interval_width)
-    monkeypatch.setattr("swashtwin.calibration.plan_recording", lambda *args, **options: widened)
-    shown = " ".join(run(*words).stdout.split())
-    assert shown.count(" none ") == len(plan.candidates) - 1
-    assert (
-        "none: there, the model error of the twin exceeds what a further recording resolves"
-        in shown
-    )
+        np.testing.assert_allclose([row[name] for row in printed], [row[name] for row in expected])
+
+
+def test_the_command_prints_a_table(command: tuple[Any, ...]) -> None:
+    output = run(*command).stdout
+    assert "Candidates for the next recording" in output
+    assert "1500 rpm" in output
+
+
+def test_the_command_refuses_unknown_sensors_and_speeds_without_a_unit(path: Path) -> None:
+    error = one_line(run("twin", "next", path, "--sensors", "top", code=3))
+    assert "must be different sensors of the pump" in error
+    error = one_line(run("twin", "next", path, "--speeds", "600", code=3))
+    assert "600" in error
+
+
+def test_the_command_prints_none_for_candidates_that_narrow_nothing(
+    command: tuple[Any, ...], plan: RecordingPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # as narrow already as the second candidate would make it
+    width = plan.candidates[1].total_interval_width
+    resolved = replace(plan, total_interval_width=width)
+    monkeypatch.setattr("swashtwin.calibration.plan_recording", lambda *_, **__: resolved)
+
+    output = " ".join(run(*command).stdout.split())
+
+    assert output.count(" none ") == len(plan.candidates) - 1
+    reason = "the model error of the twin exceeds what a further recording resolves"
+    assert f"none: there, {reason}" in output

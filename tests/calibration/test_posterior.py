@@ -1,4 +1,4 @@
-"""What a measurement can tell, and that intervals hold what they promise."""
+"""The posterior: coverage of its intervals, verdicts, discrepancy, and draws."""
 
 import math
 from dataclasses import replace
@@ -8,6 +8,8 @@ import pytest
 from twin_recordings import SIX_VALUES, with_amplitudes
 
 from swashtwin.calibration import (
+    Calibration,
+    Estimate,
     GaussNewton,
     Nuisances,
     Objective,
@@ -29,14 +31,18 @@ from swashtwin.calibration.posterior import (
 from swashtwin.foundation import InputError, random_stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import Interfaces
+from swashtwin.recordings import Recording
 from swashtwin.report.calibration_part import describe_interval
 from swashtwin.signals import add_noise
 
-NONE = Nuisances()
+NO_NUISANCES = Nuisances()
+K_SW = 1
+IDENTIFIED = [2, 4, 5]
+"""Indices of the values that a recording of the twin determines: C_v, C_Hz and K_Hz."""
 
 
 def objective_for(
-    assumed: Twin, true: Twin, nuisances: Nuisances = NONE, band: float = 2500
+    assumed: Twin, true: Twin, nuisances: Nuisances = NO_NUISANCES, band: float = 2500
 ) -> Objective:
     """Objective of calibrating `assumed` on a noisy recording (30 dB) of `true`."""
     recording = true.simulate(1.3, 6400.0, phase=1.0, recording_id="rec")
@@ -44,13 +50,13 @@ def objective_for(
     return build_objective(assumed, measure(assumed, [recording], (0, band)), None, nuisances)
 
 
-def solution(objective: Objective) -> np.ndarray:
+def find_minimum(objective: Objective) -> np.ndarray:
     return GaussNewton(starts=1).search(objective, seed=0).point
 
 
 @pytest.fixture(scope="module")
-def thick(twin: Twin) -> Twin:
-    """Its slippers ride on 24 um of oil."""
+def thick_film_twin(twin: Twin) -> Twin:
+    """The twin with slippers on 24 um of oil."""
     return twin.with_interfaces(Interfaces.from_values([98523.0, 8.1591e7, *twin.values[2:]]))
 
 
@@ -61,7 +67,7 @@ def objective(twin: Twin) -> Objective:
 
 @pytest.fixture(scope="module")
 def point(objective: Objective) -> np.ndarray:
-    return solution(objective)
+    return find_minimum(objective)
 
 
 @pytest.fixture(scope="module")
@@ -69,143 +75,197 @@ def posterior(objective: Objective, point: np.ndarray) -> Posterior:
     return Posterior(objective.unknowns, point, posterior_covariance(objective, point))
 
 
+def estimates_at(objective: Objective, point: np.ndarray) -> tuple[Estimate, ...]:
+    return build_estimates(objective, point, posterior_covariance(objective, point))
+
+
 @pytest.mark.parametrize("film", ["paper", "thick"])
-def test_intervals_hold_the_truth_as_often_as_they_say(twin: Twin, thick: Twin, film: str) -> None:
-    base = replace(twin if film == "paper" else thick, bandwidth=1100)
-    objective = objective_for(base, base, band=1000)
-    truth = objective.unknowns.start
-    clean = with_amplitudes(objective, objective.observables(objective.start).detach().numpy())
-    is_held, is_far = [], []
+def test_intervals_contain_the_truth_as_often_as_they_promise(
+    twin: Twin, thick_film_twin: Twin, film: str
+) -> None:
+    true_twin = replace(twin if film == "paper" else thick_film_twin, bandwidth=1100)
+    objective = objective_for(true_twin, true_twin, band=1000)
+    true_logs = objective.unknowns.start
+    lines = objective.observables(objective.start).detach().numpy()
+    clean = with_amplitudes(objective, lines)
+    sigma = clean.sigma.numpy()
+
+    covers = []
+    is_far = []
     for index in range(20):
-        noise = clean.sigma.numpy() * random_stream(0, "coverage", index).standard_normal(
-            len(clean.sigma)
-        )
+        noise = sigma * random_stream(0, "coverage", index).standard_normal(len(sigma))
         noisy = with_amplitudes(objective, np.abs(clean.measured.numpy() + noise))
-        point = GaussNewton(starts=1).search(noisy, seed=0).point
-        for estimate, true in zip(
-            build_estimates(noisy, point, posterior_covariance(noisy, point)), truth, strict=False
-        ):
+        estimates = estimates_at(noisy, find_minimum(noisy))
+        for estimate, true_log in zip(estimates, true_logs, strict=False):
             if estimate.verdict == "identified":
                 low, high = np.log(estimate.interval)
-                is_held.append(low <= true <= high)
-                is_far.append(abs(np.log(estimate.value) - true) > 3 * estimate.log_std)
-    assert 0.8 <= np.mean(is_held) <= 0.97
+                covers.append(low <= true_log <= high)
+                is_far.append(abs(np.log(estimate.value) - true_log) > 3 * estimate.log_std)
+
+    # around the promised 90 %, by chance of 20 recordings
+    assert 0.8 <= np.mean(covers) <= 0.97
     assert np.mean(is_far) <= 0.03
 
 
 def test_the_slippers_stiffness_is_identified_under_a_thick_film_only(
-    objective: Objective, point: np.ndarray, thick: Twin
+    objective: Objective, point: np.ndarray, thick_film_twin: Twin
 ) -> None:
-    assert thick.values[0] <= 1e5
-    assert (
-        build_estimates(objective, point, posterior_covariance(objective, point))[1].verdict
-        == "not identified"
-    )
-    other = objective_for(thick, thick)
-    assert (
-        build_estimates(other, solution(other), posterior_covariance(other, solution(other)))[
-            1
-        ].verdict
-        == "identified"
-    )
+    assert estimates_at(objective, point)[K_SW].verdict == "not identified"
+
+    # physics.md 6: identifiable below C_sw of about 1e5
+    assert thick_film_twin.values[0] <= 1e5
+    thick_film = objective_for(thick_film_twin, thick_film_twin)
+    thick_film_point = find_minimum(thick_film)
+    assert estimates_at(thick_film, thick_film_point)[K_SW].verdict == "identified"
 
 
-def test_a_twin_that_is_right_lacks_nothing_and_has_the_deviations_of_its_noise(
-    objective: Objective, point: np.ndarray
-) -> None:
-    around = linearize(objective, point)
-    discrepancy = estimate_discrepancy(around)
-    assert (discrepancy.excitation, discrepancy.path, discrepancy.line) == (0, 0, 0)
+def test_a_correct_twin_has_no_discrepancy(objective: Objective, point: np.ndarray) -> None:
+    discrepancy = estimate_discrepancy(linearize(objective, point))
+    assert discrepancy.excitation == 0
+    assert discrepancy.path == 0
+    assert discrepancy.line == 0
     assert all(share == 0 for _, share in discrepancy.constants)
-    scaled = around.slope / around.sigma[:, None]
-    fisher = scaled.T @ scaled + np.diag(objective.unknowns.deviation**-2.0)
-    np.testing.assert_allclose(
-        posterior_covariance(objective, point), np.linalg.inv(fisher), rtol=1e-6, atol=1e-12
-    )
 
 
-def test_the_covariance_is_that_of_estimates_under_the_noise_it_names(
+def test_the_covariance_of_a_correct_twin_is_the_inverse_fisher_matrix(
     objective: Objective, point: np.ndarray
 ) -> None:
-    """Errors drawn from the covariance of a discrepancy move a linear search by as much as the
-    sandwich_covariance says.
-    """
-    around = linearize(objective, point)
-    discrepancy = replace(estimate_discrepancy(around), path=0.1, constants=(("mount", 0.05),))
-    noise = noise_covariance(around, discrepancy)
-    draws = np.random.default_rng(0).multivariate_normal(
+    linear = linearize(objective, point)
+    scaled_slope = linear.slope / linear.sigma[:, None]
+    prior_precision = np.diag(objective.unknowns.deviation**-2.0)
+    fisher = scaled_slope.T @ scaled_slope + prior_precision
+
+    covariance = posterior_covariance(objective, point)
+
+    np.testing.assert_allclose(covariance, np.linalg.inv(fisher), rtol=1e-6, atol=1e-12)
+
+
+def test_errors_drawn_from_a_discrepancy_scatter_the_estimates_by_the_sandwich_covariance(
+    objective: Objective, point: np.ndarray
+) -> None:
+    linear = linearize(objective, point)
+    discrepancy = replace(estimate_discrepancy(linear), path=0.1, constants=(("mount", 0.05),))
+    noise = noise_covariance(linear, discrepancy)
+
+    # least squares of the linear problem, for 4,000 draws of the errors
+    errors = np.random.default_rng(0).multivariate_normal(
         np.zeros(len(noise)), noise, 4000, method="cholesky"
     )
-    scaled = around.slope / around.sigma[:, None]
-    precision = np.diag(objective.unknowns.deviation**-2.0)
-    moved = np.linalg.solve(scaled.T @ scaled + precision, scaled.T @ (draws / around.sigma).T)
-    identified = [2, 4, 5]
-    expected = np.sqrt(np.diag(sandwich_covariance(around, noise)))[identified]
-    np.testing.assert_allclose(moved.std(axis=1)[identified], expected, rtol=0.06)
+    scaled_slope = linear.slope / linear.sigma[:, None]
+    scaled_errors = (errors / linear.sigma).T
+    prior_precision = np.diag(objective.unknowns.deviation**-2.0)
+    estimate_errors = np.linalg.solve(
+        scaled_slope.T @ scaled_slope + prior_precision, scaled_slope.T @ scaled_errors
+    )
+
+    covariance = sandwich_covariance(linear, noise)
+    expected = np.sqrt(np.diag(covariance))[IDENTIFIED]
+    np.testing.assert_allclose(estimate_errors.std(axis=1)[IDENTIFIED], expected, rtol=0.06)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.002, 0.1, 0.5, 0.98, 1.0])
 @pytest.mark.parametrize("std", [0.01, 0.3, 3.0])
-def test_an_interval_always_holds_its_value(objective: Objective, share: float, std: float) -> None:
+def test_an_interval_always_contains_its_value(
+    objective: Objective, share: float, std: float
+) -> None:
     unknowns = objective.unknowns
     point = unknowns.lower + share * (unknowns.upper - unknowns.lower)
+
     for estimate in build_estimates(objective, point, np.eye(6) * std**2):
-        assert estimate.interval[0] <= estimate.value * (1 + 1e-12)
-        assert estimate.value <= estimate.interval[1] * (1 + 1e-12)
-        assert estimate.open_sides[0] == (estimate.interval[0] <= estimate.bounds[0] * (1 + 1e-9))
-        wide = math.log(estimate.interval[1] / estimate.interval[0])
-        assert wide == pytest.approx(min(2 * 1.645 * std, wide), rel=1e-3) or any(
-            estimate.open_sides
-        )
+        low, high = estimate.interval
+        assert low <= estimate.value * (1 + 1e-12)
+        assert estimate.value <= high * (1 + 1e-12)
+        assert estimate.open_sides[0] == (low <= estimate.bounds[0] * (1 + 1e-9))
+
+        # 90 %, unless a bound cuts it
+        log_width = math.log(high / low)
+        full_width = min(2 * 1.645 * std, log_width)
+        assert log_width == pytest.approx(full_width, rel=1e-3) or any(estimate.open_sides)
 
 
-def test_a_one_sided_interval_is_said_to_be_one(objective: Objective) -> None:
+def test_an_interval_that_is_open_above_is_described_by_its_lower_end(
+    objective: Objective,
+) -> None:
+    at_upper_bound = build_estimates(objective, objective.unknowns.upper, np.eye(6) * 0.01)[0]
+    assert at_upper_bound.verdict == "at bound"
+    assert at_upper_bound.open_sides == (False, True)
+    assert describe_interval(at_upper_bound).startswith("at least ")
+
+
+@pytest.mark.parametrize("variance", [0.01, 400], ids=["certain", "uncertain"])
+def test_an_interval_within_the_bounds_is_described_by_both_ends(
+    objective: Objective, variance: float
+) -> None:
     unknowns = objective.unknowns
-    on_top = build_estimates(objective, unknowns.upper, np.eye(6) * 0.01)[0]
-    assert on_top.verdict == "at bound"
-    assert on_top.open_sides == (False, True)
-    assert describe_interval(on_top).startswith("at least ")
     middle = (unknowns.lower + unknowns.upper) / 2
-    assert " to " in describe_interval(build_estimates(objective, middle, np.eye(6) * 0.01)[0])
-    assert describe_interval(build_estimates(objective, middle, np.eye(6) * 400)[0]) != "at least"
+    estimate = build_estimates(objective, middle, np.eye(6) * variance)[0]
+    assert " to " in describe_interval(estimate)
 
 
-def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that_is_wrong(
-    twin: Twin,
+@pytest.fixture(scope="module")
+def stiffer_recording(twin: Twin) -> Recording:
+    """Recording of a machine whose mounting is 20 % stiffer than the twin's."""
+    true_twin = replace(twin, scales=Scales(mount=1.2))
+    return true_twin.simulate(1.3, 6400.0, recording_id="rec")
+
+
+@pytest.fixture(scope="module")
+def wrong_calibration(twin: Twin, stiffer_recording: Recording) -> Calibration:
+    return calibrate(twin, [stiffer_recording], method=GaussNewton(starts=1), **SIX_VALUES)
+
+
+def test_the_misfit_of_a_wrong_twin_is_noted(wrong_calibration: Calibration) -> None:
+    assert any("miss the measured ones" in note for note in wrong_calibration.notes)
+
+
+def test_the_intervals_of_a_wrong_twin_change_no_value(
+    twin: Twin, stiffer_recording: Recording, wrong_calibration: Calibration
 ) -> None:
-    true = replace(twin, scales=Scales(mount=1.2))
-    recording = true.simulate(1.3, 6400.0, recording_id="rec")
-    calibration = calibrate(twin, [recording], method=GaussNewton(starts=1), **SIX_VALUES)
-    point = solution(build_objective(twin, measure(twin, [recording])))
-    np.testing.assert_array_equal(calibration.posterior.point, point)  # the intervals move no value
-    assert any("miss the measured ones" in note for note in calibration.notes)
-    for estimate, value in zip(calibration.estimates, twin.values.tolist(), strict=True):
+    point = find_minimum(build_objective(twin, measure(twin, [stiffer_recording])))
+    np.testing.assert_array_equal(wrong_calibration.posterior.point, point)
+
+
+def test_intervals_of_identified_values_of_a_wrong_twin_contain_the_truth(
+    twin: Twin, wrong_calibration: Calibration
+) -> None:
+    for estimate, true in zip(wrong_calibration.estimates, twin.values.tolist(), strict=True):
         if estimate.verdict == "identified":
-            assert estimate.interval[0] <= value <= estimate.interval[1]
+            assert estimate.interval[0] <= true <= estimate.interval[1]
 
 
-def test_draws_follow_the_covariance_within_the_bounds(posterior: Posterior) -> None:
+def test_draws_follow_the_covariance(posterior: Posterior) -> None:
+    # without bounds, which would cut the distribution
     space = replace(posterior.unknowns.space, lower=np.full(6, 1e-30), upper=np.full(6, 1e30))
-    wide = replace(posterior, unknowns=replace(posterior.unknowns, space=space))
-    draws = wide.draws(2000, seed=1)
-    np.testing.assert_allclose(
-        draws.mean(axis=0), posterior.point, atol=0.1 * draws.std(axis=0).max()
-    )
-    np.testing.assert_allclose(
-        np.cov(draws.T), posterior.covariance, atol=0.1 * posterior.covariance.max()
-    )
-    cut = posterior.draws(200, seed=1)
-    assert (cut >= posterior.unknowns.lower).all()
-    assert (cut <= posterior.unknowns.upper).all()
+    unbounded = replace(posterior, unknowns=replace(posterior.unknowns, space=space))
+
+    draws = unbounded.draws(2000, seed=1)
+
+    mean_tolerance = 0.1 * draws.std(axis=0).max()
+    np.testing.assert_allclose(draws.mean(axis=0), posterior.point, atol=mean_tolerance)
+    covariance_tolerance = 0.1 * posterior.covariance.max()
+    np.testing.assert_allclose(np.cov(draws.T), posterior.covariance, atol=covariance_tolerance)
 
 
-def test_a_draw_depends_on_the_seed_and_not_on_how_many_are_drawn(
-    twin: Twin, posterior: Posterior
-) -> None:
+def test_draws_stay_within_the_bounds(posterior: Posterior) -> None:
+    draws = posterior.draws(200, seed=1)
+    assert (draws >= posterior.unknowns.lower).all()
+    assert (draws <= posterior.unknowns.upper).all()
+
+
+def test_a_draw_depends_on_the_seed_and_not_on_the_number_of_draws(posterior: Posterior) -> None:
     draws = posterior.draws(5, seed=2)
     np.testing.assert_array_equal(draws[:2], posterior.draws(2, seed=2))
     assert not np.array_equal(draws, posterior.draws(5, seed=3))
-    values = [drawn.values.numpy() for drawn in posterior.twins(twin, 2, seed=2)]
+
+
+def test_twins_of_the_posterior_have_the_values_of_its_draws(
+    twin: Twin, posterior: Posterior
+) -> None:
+    draws = posterior.draws(5, seed=2)
+    values = [sample.values.numpy() for sample in posterior.twins(twin, 2, seed=2)]
     np.testing.assert_allclose(values, np.exp(draws[:2, :6]))
+
+
+def test_a_number_of_draws_that_is_not_positive_is_refused(posterior: Posterior) -> None:
     with pytest.raises(InputError, match="must be at least 1"):
         posterior.draws(0, seed=0)

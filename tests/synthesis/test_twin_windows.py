@@ -1,6 +1,7 @@
-"""Synthetic windows: of the right layout, marked, seeded, varied, and never in a test set."""
+"""Windows of a twin: layout, seeds, variation, background, and windows of a calibration."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,18 +27,20 @@ from swashtwin.foundation import (
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefect
+from swashtwin.recordings import Recording
 from swashtwin.synthesis import (
     Variation,
     simulate_windows,
     synthesize,
+    twin_windows,
 )
-from swashtwin.synthesis import twin_windows as synthesis
 from swashtwin.synthesis.background import background_noise
 from swashtwin.synthesis.fidelity import causes
+from swashtwin.synthesis.twin_windows import SyntheticWindows
 from swashtwin_bench import rig_recordings
 from swashtwin_bench.rigs.writing import RigSize
 
-STILL = Variation(
+NO_VARIATION = Variation(
     speed=0.0,
     pressure=0.0,
     severity=0.0,
@@ -50,12 +53,9 @@ STILL = Variation(
 
 @pytest.fixture(scope="module")
 def measured() -> WindowSet:
-    pairs = rig_recordings(0, RigSize(1, 1, 1.0), labels=("normal", "swash_plate"))
-    return cut_windows(
-        [recording for recording, _ in pairs],
-        length=2048,
-        classes=("normal", "swash_plate"),
-    )
+    labels = ("normal", "swash_plate")
+    pairs = rig_recordings(0, RigSize(1, 1, 1.0), labels=labels)
+    return cut_windows([recording for recording, _ in pairs], length=2048, classes=labels)
 
 
 @pytest.fixture(scope="module")
@@ -76,54 +76,61 @@ def test_synthetic_windows_join_the_measured_ones(twin: Twin, measured: WindowSe
 def test_the_same_seed_gives_the_same_windows_and_another_seed_others(
     twin: Twin, measured: WindowSet
 ) -> None:
-    first, repeated, second = (
-        simulate_windows(twin, count=2, like=measured, seed=seed).signal for seed in (0, 0, 1)
-    )
+    def signal(seed: int) -> np.ndarray:
+        return simulate_windows(twin, count=2, like=measured, seed=seed).signal
 
-    np.testing.assert_array_equal(first, repeated)
-    assert np.abs(first - second).max() > 0.1
+    np.testing.assert_array_equal(signal(seed=0), signal(seed=0))
+    assert np.abs(signal(seed=0) - signal(seed=1)).max() > 0.1
 
 
-def test_a_window_does_not_depend_on_the_others_of_its_set(
-    twin: Twin, measured: WindowSet, pump: Pump, monkeypatch: pytest.MonkeyPatch
+@pytest.fixture(scope="module")
+def two_twins(twin: Twin, pump: Pump) -> list[Twin]:
+    """Twins of two pumps at two speeds, the second of 60 rad/s."""
+    slow = twin.condition.replace(speed=60.0)
+    return [twin, replace(twin, pump=replace(pump, name="second"), condition=slow)]
+
+
+def test_a_window_does_not_depend_on_the_number_of_windows(
+    two_twins: list[Twin], measured: WindowSet
 ) -> None:
-    second = replace(
-        twin,
-        pump=replace(pump, name="other"),
-        condition=twin.condition.replace(speed=60.0),
-    )
-    few, more = (
-        simulate_windows([twin, second], count=count, like=measured, seed=0) for count in (3, 7)
-    )
-    monkeypatch.setattr(synthesis, "_CHUNK", 2)
-    chunked = simulate_windows([twin, second], count=7, like=measured, seed=0)
-
-    np.testing.assert_array_equal(more.signal[:3], few.signal)
-    np.testing.assert_array_equal(more.signal, chunked.signal)
-    np.testing.assert_array_equal(more.recording_id, chunked.recording_id)
-    np.testing.assert_array_equal(more.speed[1::2], 60.0)
+    three = simulate_windows(two_twins, count=3, like=measured, seed=0)
+    seven = simulate_windows(two_twins, count=7, like=measured, seed=0)
+    np.testing.assert_array_equal(seven.signal[:3], three.signal)
+    np.testing.assert_array_equal(seven.speed[1::2], 60.0)
 
 
-def test_without_variation_and_noise_a_window_is_the_twin_s_simulation(
+def test_a_window_does_not_depend_on_the_chunk_in_which_it_is_simulated(
+    two_twins: list[Twin], measured: WindowSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = simulate_windows(two_twins, count=7, like=measured, seed=0)
+    monkeypatch.setattr(twin_windows, "_CHUNK", 2)
+    chunked = simulate_windows(two_twins, count=7, like=measured, seed=0)
+    np.testing.assert_array_equal(whole.signal, chunked.signal)
+    np.testing.assert_array_equal(whole.recording_id, chunked.recording_id)
+
+
+def test_without_variation_and_noise_a_window_is_the_twins_simulation(
     twin: Twin, measured: WindowSet
 ) -> None:
-    bare = simulate_windows(
-        twin, count=2, like=measured, seed=0, variation=STILL, background="none"
-    ).signal
+    windows = simulate_windows(
+        twin, count=2, like=measured, seed=0, variation=NO_VARIATION, background="none"
+    )
     simulated = twin.simulate(2048 / 25600, 25600.0).signal
 
-    np.testing.assert_allclose(bare.std(axis=2), np.tile(simulated.std(axis=1), (2, 1)), rtol=0.05)
+    # windows begin at any shaft angle, so that their deviations agree but not their samples
+    expected = np.tile(simulated.std(axis=1), (2, 1))
+    np.testing.assert_allclose(windows.signal.std(axis=2), expected, rtol=0.05)
 
 
 def test_the_background_has_the_level_of_the_measured_noise(
     twin: Twin, measured: WindowSet
 ) -> None:
-    """Above the twin's band there is nothing but noise, in measured and synthetic windows alike."""
     synthetic = simulate_windows(twin, count=12, like=measured, seed=0)
 
+    # above the twin's band, both contain noise alone
     def above_6_kHz(windows: WindowSet) -> np.ndarray:
-        spectrum = np.abs(np.fft.rfft(windows.signal, axis=2)) ** 2
-        return np.sqrt(spectrum[:, :, 500:].mean(axis=(0, 2)))
+        power = np.abs(np.fft.rfft(windows.signal, axis=2)) ** 2
+        return np.sqrt(power[:, :, 500:].mean(axis=(0, 2)))
 
     at_15 = measured.discharge_pressure == MPa(15)
     normal = measured.subset(at_15 & (measured.label == "normal"))
@@ -131,39 +138,34 @@ def test_the_background_has_the_level_of_the_measured_noise(
     np.testing.assert_allclose(above_6_kHz(synthetic), above_6_kHz(normal), rtol=0.25)
 
 
-def test_windows_have_the_gain_of_the_healthy_machine_and_causes_are_separated(
-    twin: Twin, measured: WindowSet
-) -> None:
-    plain, loud = (
-        synthesize(
-            twin,
-            twin.fault,
-            count=24,
-            like=replace(measured, signal=gain * measured.signal),
-        )
-        for gain in (1, 3)
-    )
-    # the third channel is silent in the twin: it measures cross-talk, which has no gain
-    sensors_with_signal = slice(0, 2)
-    np.testing.assert_allclose(
-        loud.signal[:, sensors_with_signal],
-        3 * plain.signal[:, sensors_with_signal],
-        rtol=1e-3,
-        atol=1e-4,
-    )
+def synthesize_with_gain(twin: Twin, measured: WindowSet, gain: int) -> SyntheticWindows:
+    like = replace(measured, signal=gain * measured.signal)
+    return synthesize(twin, twin.fault, count=24, like=like)
+
+
+def test_windows_have_the_gain_of_the_healthy_machine(twin: Twin, measured: WindowSet) -> None:
+    plain = synthesize_with_gain(twin, measured, gain=1)
+    loud = synthesize_with_gain(twin, measured, gain=3)
+
+    # the third channel is silent in the twin: it measures crosstalk, which has no gain
+    plain_signal = plain.signal[:, :2]
+    loud_signal = loud.signal[:, :2]
+    np.testing.assert_allclose(loud_signal, 3 * plain_signal, rtol=1e-3, atol=1e-4)
+
+
+def test_a_gain_error_is_attributed_to_path_and_floor(twin: Twin, measured: WindowSet) -> None:
+    plain = synthesize_with_gain(twin, measured, gain=1)
     assert plain.measured_healthy is not None
     assert plain.simulate_healthy is not None
+    healthy = plain.simulate_healthy()
+    half_plain = replace(plain, signal=plain.signal / 2)
+    half_healthy = replace(healthy, signal=healthy.signal / 2)
 
-    healthy = plain.measured_healthy, plain.simulate_healthy()
-    deaf = (
-        replace(plain, signal=plain.signal / 2),
-        replace(healthy[1], signal=healthy[1].signal / 2),
-    )
-    quieter = causes(plain, deaf[0], 7, (healthy[1], deaf[1]))
+    differences_db = causes(plain, half_plain, 7, (healthy, half_healthy))
 
-    assert quieter == pytest.approx(
-        {"law": 0, "path": 6.02, "floor": 6.02, "variation": 0}, abs=0.01
-    )
+    # half is 6.02 dB
+    expected = {"law": 0, "path": 6.02, "floor": 6.02, "variation": 0}
+    assert differences_db == pytest.approx(expected, abs=0.01)
 
 
 def test_a_strong_line_between_bins_does_not_raise_the_background_far_from_it(
@@ -182,41 +184,44 @@ def test_a_strong_line_between_bins_does_not_raise_the_background_far_from_it(
 
 
 def test_severity_varies_with_its_setting(twin: Twin, measured: WindowSet) -> None:
-    calm = replace(STILL, severity=0.0)
-    wild = replace(STILL, severity=0.5)
-    levels = [
-        simulate_windows(
-            twin, count=10, like=measured, seed=0, variation=v, background="none"
-        ).signal.std(axis=2)[:, 0]
-        for v in (calm, wild)
-    ]
+    def scatter(severity: float) -> float:
+        variation = replace(NO_VARIATION, severity=severity)
+        windows = simulate_windows(
+            twin, count=10, like=measured, seed=0, variation=variation, background="none"
+        )
+        return windows.signal.std(axis=2)[:, 0].std()
 
-    assert levels[1].std() > 5 * levels[0].std()
+    assert scatter(severity=0.5) > 5 * scatter(severity=0.0)
 
 
-def test_twins_that_do_not_fit_the_windows_are_refused(
-    twin: Twin, measured: WindowSet, pump: Pump
-) -> None:
+def test_twins_of_several_classes_are_refused(twin: Twin, measured: WindowSet) -> None:
     with pytest.raises(InputError, match="Give twins of one class"):
         simulate_windows([twin, twin.with_fault(None)], count=2, like=measured, seed=0)
-    with pytest.raises(InputError, match="class 'piston' is not among the windows' classes"):
-        simulate_windows(
-            twin.with_fault(PistonWear(clearance=um(40))),
-            count=1,
-            like=measured,
-            seed=0,
-        )
 
+
+def test_a_class_that_the_windows_lack_is_refused(twin: Twin, measured: WindowSet) -> None:
+    worn = twin.with_fault(PistonWear(clearance=um(40)))
+    with pytest.raises(InputError, match="class 'piston' is not among the windows' classes"):
+        simulate_windows(worn, count=1, like=measured, seed=0)
+
+
+def test_a_number_of_windows_that_is_not_positive_is_refused(
+    twin: Twin, measured: WindowSet
+) -> None:
     with pytest.raises(InputError, match="at least 1"):
         simulate_windows(twin, count=0, like=measured, seed=0)
 
-    deaf = replace(twin, pump=replace(pump, sensors=pump.sensors[:1]))
-    with pytest.raises(
-        InputError,
-        match="'body_y' of the windows is not among the twin's sensors \\(cover_z\\)",
-    ):
-        simulate_windows(deaf, count=1, like=measured, seed=0)
 
+def test_a_channel_without_a_sensor_of_the_twin_is_refused(
+    twin: Twin, measured: WindowSet, pump: Pump
+) -> None:
+    single_sensor = replace(twin, pump=replace(pump, sensors=pump.sensors[:1]))
+    message = r"'body_y' of the windows is not among the twin's sensors \(cover_z\)"
+    with pytest.raises(InputError, match=message):
+        simulate_windows(single_sensor, count=1, like=measured, seed=0)
+
+
+def test_a_background_needs_measured_windows(twin: Twin, measured: WindowSet) -> None:
     only_synthetic = simulate_windows(twin, count=2, like=measured, seed=0)
     with pytest.raises(InputError, match="set background='none'"):
         simulate_windows(twin, count=1, like=only_synthetic, seed=0)
@@ -238,102 +243,125 @@ def posterior(twin: Twin) -> Posterior:
 def test_windows_of_a_posterior_are_those_of_its_draws(
     twin: Twin, measured: WindowSet, posterior: Posterior
 ) -> None:
-    synthetic = simulate_windows(
-        twin,
-        count=3,
-        like=measured,
-        seed=4,
-        variation=STILL,
-        background="none",
-        posterior=[posterior],
-    )
+    def simulate(source: Twin, **arguments: Any) -> np.ndarray:
+        return simulate_windows(
+            source,
+            count=3,
+            like=measured,
+            seed=4,
+            variation=NO_VARIATION,
+            background="none",
+            **arguments,
+        ).signal
 
-    for window, draw in zip(
-        synthetic.signal,
-        posterior.twins(twin, 3, derive_seed(4, "posterior", "swash_plate", 0)),
-        strict=True,
-    ):
-        simulated = simulate_windows(
-            draw, count=3, like=measured, seed=4, variation=STILL, background="none"
-        )
+    windows = simulate(twin, posterior=[posterior])
+    draws = posterior.twins(twin, 3, derive_seed(4, "posterior", "swash_plate", 0))
 
-        assert np.sqrt(np.mean((simulated.signal - window) ** 2, axis=(1, 2))).min() < 1e-4
-        assert np.abs(simulated.signal.std(axis=-1) - window.std(axis=-1)).max(axis=1).min() < 1e-4
+    for window, draw in zip(windows, draws, strict=True):
+        # one of the three, as each begins at another shaft angle
+        simulated = simulate(draw)
+        rms_difference = np.sqrt(np.mean((simulated - window) ** 2, axis=(1, 2)))
+        assert rms_difference.min() < 1e-4
+        level_difference = np.abs(simulated.std(axis=-1) - window.std(axis=-1)).max(axis=1)
+        assert level_difference.min() < 1e-4
 
 
 @pytest.fixture(scope="module")
 def calibration(pump: Pump) -> Calibration:
     """Calibration of a healthy pump at 10 and 15 MPa."""
-    points = [
-        OperatingCondition(speed=rpm(860), discharge_pressure=MPa(pressure))
-        for pressure in (10, 15)
-    ]
-    recordings = [
-        replace(
-            recording_of(Twin(pump, condition, bandwidth=2600), seed=number),
-            recording_id=f"healthy-{number}",
-        )
-        for number, condition in enumerate(points)
-    ]
+    recordings = []
+    for seed, pressure in enumerate((MPa(10), MPa(15))):
+        condition = OperatingCondition(speed=rpm(860), discharge_pressure=pressure)
+        recording = recording_of(Twin(pump, condition, bandwidth=2600), seed=seed)
+        recordings.append(replace(recording, recording_id=f"healthy-{seed}"))
 
     return calibrate(pump, recordings, method=GaussNewton(starts=1, max_iterations=4), **SIX_VALUES)
 
 
-def test_a_calibration_and_a_fault_are_enough(
-    calibration: Calibration, measured: WindowSet
-) -> None:
-    fault = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
-    windows = synthesize(calibration, fault, count=4, like=measured, background="spectrum")
+FAULT = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
 
+
+@pytest.fixture(scope="module")
+def calibrated_windows(calibration: Calibration, measured: WindowSet) -> SyntheticWindows:
+    return synthesize(calibration, FAULT, count=4, like=measured, background="spectrum")
+
+
+def test_a_calibration_and_a_fault_are_enough(
+    calibrated_windows: SyntheticWindows, measured: WindowSet
+) -> None:
+    windows = calibrated_windows
     assert set(windows.label) == {"swash_plate"}
     assert windows.synthetic.all()
+    assert len(measured + windows) == len(measured) + 4
+    # in turn, the pressures of the calibration
     np.testing.assert_array_equal(windows.discharge_pressure, [MPa(10), MPa(15)] * 2)
 
-    twins = [calibration.twin.with_fault(fault).at(fit.condition) for fit in calibration.fits]
+
+def test_windows_of_a_calibration_are_those_of_its_twins_and_posterior(
+    calibration: Calibration, calibrated_windows: SyntheticWindows, measured: WindowSet
+) -> None:
+    twins = [calibration.twin.with_fault(FAULT).at(fit.condition) for fit in calibration.fits]
     simulated = simulate_windows(
         twins, count=4, like=measured, seed=0, posterior=[calibration.posterior] * 2
     )
+    np.testing.assert_array_equal(calibrated_windows.signal, simulated.signal)
 
-    np.testing.assert_array_equal(windows.signal, simulated.signal)
-    assert windows.fidelity is not None
-    assert (windows.fidelity.pressures, windows.fidelity.n_synthetic) == (
-        (MPa(10), MPa(15)),
-        4,
-    )
-    assert len(measured + windows) == len(measured) + 4
 
-    elsewhere = synthesize(calibration, None, count=2, like=measured, pressure=MPa(5))
-    np.testing.assert_array_equal(elsewhere.discharge_pressure, MPa(5))
-    assert not any("The calibration read" in note for note in windows.notes)
+def test_windows_of_a_calibration_have_their_fidelity(calibrated_windows: SyntheticWindows) -> None:
+    fidelity = calibrated_windows.fidelity
+    assert fidelity is not None
+    assert fidelity.pressures == (MPa(10), MPa(15))
+    assert fidelity.n_synthetic == 4
 
-    of_one = replace(
-        calibration,
-        posterior=replace(
-            calibration.posterior,
-            unknowns=replace(calibration.posterior.unknowns, channels=("cover_z",)),
-        ),
-    )
-    noted = synthesize(of_one, fault, count=1, like=measured, values="nominal").notes[-1]
+
+def test_windows_of_a_calibration_may_have_another_pressure(
+    calibration: Calibration, measured: WindowSet
+) -> None:
+    windows = synthesize(calibration, None, count=2, like=measured, pressure=MPa(5))
+    np.testing.assert_array_equal(windows.discharge_pressure, MPa(5))
+
+
+def test_channels_that_the_calibration_did_not_read_are_noted(
+    calibration: Calibration, calibrated_windows: SyntheticWindows, measured: WindowSet
+) -> None:
+    assert not any("The calibration read" in note for note in calibrated_windows.notes)
+
+    unknowns = replace(calibration.posterior.unknowns, channels=("cover_z",))
+    posterior = replace(calibration.posterior, unknowns=unknowns)
+    of_one_channel = replace(calibration, posterior=posterior)
+    windows = synthesize(of_one_channel, FAULT, count=1, like=measured, values="nominal")
 
     expected = (
         "The calibration read cover_z, but not body_y, body_x: "
         "the gains of these are those of the pump"
     )
-    assert noted.startswith(expected)
+    assert windows.notes[-1].startswith(expected)
 
 
-def test_recordings_are_cut_into_windows_that_the_synthetic_ones_are_like(
-    twin: Twin, pump: Pump
+@pytest.fixture(scope="module")
+def healthy(twin: Twin, pump: Pump) -> Twin:
+    return Twin(pump, twin.condition, bandwidth=2600)
+
+
+@pytest.fixture(scope="module")
+def healthy_recordings(healthy: Twin) -> list[Recording]:
+    return [replace(recording_of(healthy, seed=seed), synthetic=False) for seed in range(2)]
+
+
+def test_recordings_in_place_of_windows_are_cut_first(
+    twin: Twin, healthy: Twin, healthy_recordings: list[Recording]
 ) -> None:
-    healthy = Twin(pump, twin.condition, bandwidth=2600)
-    recordings = [replace(recording_of(healthy, seed=seed), synthetic=False) for seed in range(2)]
-    windows = synthesize(healthy, twin.fault, count=2, like=recordings)
+    windows = synthesize(healthy, twin.fault, count=2, like=healthy_recordings)
 
     assert windows.classes == ("normal", "swash_plate")
     assert windows.signal.shape == (2, 3, 2048)
-    assert windows.fidelity is None  # no recording of the class
     assert windows.sample_rate == 6400.0
+    assert windows.fidelity is None  # no recording of the class
 
-    short = synthesize(healthy, None, count=1, like=recordings, window=1024)
-    assert short.length == 1024
-    assert set(short.label) == {"normal"}
+
+def test_the_length_of_windows_of_recordings_may_be_given(
+    healthy: Twin, healthy_recordings: list[Recording]
+) -> None:
+    windows = synthesize(healthy, None, count=1, like=healthy_recordings, window=1024)
+    assert windows.length == 1024
+    assert set(windows.label) == {"normal"}

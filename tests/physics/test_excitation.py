@@ -1,5 +1,6 @@
 """Excitations by faults: the paper's piecewise displacement, physics.md, and fine transforms."""
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -122,55 +123,56 @@ def test_the_first_slipper_follows_the_papers_formula(
     np.testing.assert_allclose(heights, list(expected_heights.values()), atol=1e-12)
 
 
-@ENTRIES
-@EDGES
-@pytest.mark.parametrize("length", [mm(30), mm(22), mm(16)])
-class TestProfile:
-    """Recesses longer than a slipper (22 mm), as long, and shorter."""
-
-    @pytest.fixture
-    def defect(self, entry: Entry, edge: Edge, length: float) -> SwashPlateDefect:
-        return replace(DEFECT, entry=entry, edge=edge, length=length)
-
-    @pytest.fixture
-    def angle(self) -> np.ndarray:
-        return np.linspace(0, 2 * math.pi, 200001)
-
-    @staticmethod
-    def steepest_slope(pump: Pump, defect: SwashPlateDefect, height: np.ndarray) -> float:
-        """Slope of a quarter sine of this height over the rise [m/rad]."""
-        return math.pi / 2 * height.max() / stages(pump, defect).rise
-
-    def test_displacement_is_continuous(
-        self, pump: Pump, defect: SwashPlateDefect, angle: np.ndarray
-    ) -> None:
-        height, _ = slipper_profile(pump, defect, angle)
-        steepest = self.steepest_slope(pump, defect, height)
-        assert np.abs(np.diff(height)).max() <= 1.01 * angle[1] * steepest
-
-    def test_only_a_raised_cosine_has_no_velocity_jump(
-        self, pump: Pump, defect: SwashPlateDefect, angle: np.ndarray
-    ) -> None:
-        height, slope = slipper_profile(pump, defect, angle)
-        steepest = self.steepest_slope(pump, defect, height)
-        jump = np.abs(np.diff(slope)).max()
-        if defect.edge == "half_sine":
-            assert jump > 0.9 * steepest
-        else:
-            assert jump < 1e-3 * steepest
-
-    def test_the_slope_is_the_derivative_of_the_displacement(
-        self, pump: Pump, defect: SwashPlateDefect, angle: np.ndarray
-    ) -> None:
-        height, slope = slipper_profile(pump, defect, angle)
-        steepest = self.steepest_slope(pump, defect, height)
-        difference_quotient = np.diff(height) / angle[1]
-        mean_slope = 0.5 * (slope[1:] + slope[:-1])
-        # a difference over a velocity jump has no derivative to be compared with
-        smooth = np.abs(np.diff(slope)) < 0.5 * steepest
-        np.testing.assert_allclose(
-            difference_quotient[smooth], mean_slope[smooth], atol=2e-4 * steepest
+# recesses longer than a slipper (22 mm), as long, and shorter
+EACH_SHAPE = pytest.mark.parametrize(
+    "defect",
+    [
+        replace(DEFECT, entry=entry, edge=edge, length=length)
+        for entry, edge, length in itertools.product(
+            ("center", "edge"), ("half_sine", "raised_cosine"), (mm(30), mm(22), mm(16))
         )
+    ],
+    ids=lambda defect: f"{defect.entry}-{defect.edge}-{1e3 * defect.length:.0f} mm",
+)
+FINE_ANGLES = np.linspace(0, 2 * math.pi, 200001)
+
+
+def steepest_slope(pump: Pump, defect: SwashPlateDefect, height: np.ndarray) -> float:
+    """Slope of a quarter sine of this height over the rise [m/rad]."""
+    return math.pi / 2 * height.max() / stages(pump, defect).rise
+
+
+@EACH_SHAPE
+def test_displacement_is_continuous(pump: Pump, defect: SwashPlateDefect) -> None:
+    height, _ = slipper_profile(pump, defect, FINE_ANGLES)
+    max_step = FINE_ANGLES[1] * steepest_slope(pump, defect, height)
+    assert np.abs(np.diff(height)).max() <= 1.01 * max_step
+
+
+@EACH_SHAPE
+def test_only_a_raised_cosine_has_no_velocity_jump(pump: Pump, defect: SwashPlateDefect) -> None:
+    height, slope = slipper_profile(pump, defect, FINE_ANGLES)
+    steepest = steepest_slope(pump, defect, height)
+    jump = np.abs(np.diff(slope)).max()
+    if defect.edge == "half_sine":
+        assert jump > 0.9 * steepest
+    else:
+        assert jump < 1e-3 * steepest
+
+
+@EACH_SHAPE
+def test_the_slope_is_the_derivative_of_the_displacement(
+    pump: Pump, defect: SwashPlateDefect
+) -> None:
+    height, slope = slipper_profile(pump, defect, FINE_ANGLES)
+    steepest = steepest_slope(pump, defect, height)
+    difference_quotient = np.diff(height) / FINE_ANGLES[1]
+    mean_slope = 0.5 * (slope[1:] + slope[:-1])
+    # a difference over a velocity jump has no derivative to be compared with
+    is_smooth = np.abs(np.diff(slope)) < 0.5 * steepest
+    np.testing.assert_allclose(
+        difference_quotient[is_smooth], mean_slope[is_smooth], atol=2e-4 * steepest
+    )
 
 
 @ENTRIES

@@ -50,22 +50,26 @@ def texts_of(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def messages_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Return line number and text of each string of a module but its docstrings.
+    """Return line number and text of each string of a module except its docstrings.
 
-    Strings that stand one after the other are one text.
+    Adjacent strings are one text.
     """
     tree = ast.parse(path.read_text(encoding="utf-8"))
     docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
-            parts = [part.value for part in node.values if isinstance(part, ast.Constant)]
-            yield node.lineno, "".join(map(str, parts))
+            # of an f-string the parts that are constant
+            parts = [str(part.value) for part in node.values if isinstance(part, ast.Constant)]
+            yield node.lineno, "".join(parts)
         elif isinstance(node, ast.Constant) and id(node) not in docstrings:
             yield node.lineno, str(node.value)
 
 
 def python_files() -> list[Path]:
-    return [path for source in SOURCES for path in sorted((ROOT / source).rglob("*.py"))]
+    paths: list[Path] = []
+    for source in SOURCES:
+        paths += sorted((ROOT / source).rglob("*.py"))
+    return paths
 
 
 def documents() -> list[Path]:
@@ -74,13 +78,14 @@ def documents() -> list[Path]:
 
 
 def matches_in(pattern: re.Pattern[str]) -> list[str]:
-    """Return places in code, messages and documents that match a pattern."""
-    places = []
+    """Return where code, messages and documents match a pattern."""
+    matches = []
     for path in python_files():
         for line, text in texts_of(path):
             # a phrase may be broken over two lines of a docstring
-            if match := pattern.search(re.sub(r"\s+", " ", text)):
-                places.append(f"{path.relative_to(ROOT)}:{line}: {match[0]}")
+            match = pattern.search(re.sub(r"\s+", " ", text))
+            if match:
+                matches.append(f"{path.relative_to(ROOT)}:{line}: {match[0]}")
 
     for path in documents():
         # the list of words names what is not to be written, and the evidence is generated from
@@ -88,8 +93,8 @@ def matches_in(pattern: re.Pattern[str]) -> list[str]:
         if path.name in ("nomenclature.md", "evidence.md"):
             continue
         text = re.sub(r"\s+", " ", path.read_text(encoding="utf-8"))
-        places += [f"{path.relative_to(ROOT)}: {match[0]}" for match in pattern.finditer(text)]
-    return places
+        matches += [f"{path.relative_to(ROOT)}: {match[0]}" for match in pattern.finditer(text)]
+    return matches
 
 
 def test_a_condition_is_introduced_by_if_or_when() -> None:
@@ -104,37 +109,48 @@ def test_messages_and_documents_use_plain_phrases(phrase: str) -> None:
 @pytest.mark.parametrize("room", [room for room in ROOMS if room != "cli"])
 def test_no_message_below_the_shell_names_an_option(room: str) -> None:
     """An error carries the setting and its remedy; only the shell spells options."""
-    options = [
-        f"{path.relative_to(ROOT)}:{line}: {match[1]}"
-        for path in sorted((ROOT / "src/swashtwin" / room).rglob("*.py"))
-        for line, text in messages_of(path)
-        if (match := OPTION.search(text))
-    ]
+    options = []
+    for path in sorted((ROOT / "src/swashtwin" / room).rglob("*.py")):
+        for line, text in messages_of(path):
+            match = OPTION.search(text)
+            if match:
+                options.append(f"{path.relative_to(ROOT)}:{line}: {match[1]}")
+
     assert options == []
 
 
+def bound_names(path: Path) -> Iterator[tuple[int, str]]:
+    """Return line number and name of each variable and parameter of a module."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id
+        elif isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+
+
 def test_a_name_states_what_a_variable_holds() -> None:
-    names = []
+    vague_names = []
     for path in python_files():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                name = node.id
-            elif isinstance(node, ast.arg):
-                name = node.arg
-            else:
-                continue
+        for line, name in bound_names(path):
+            # `_found` and `FOUND` say as little as `found`
             if name.strip("_").lower() in VAGUE_NAMES:
-                names.append(f"{path.relative_to(ROOT)}:{node.lineno}: {name}")
-    assert names == []
+                vague_names.append(f"{path.relative_to(ROOT)}:{line}: {name}")
+
+    assert vague_names == []
 
 
 @pytest.mark.parametrize(
     ("pattern", "text"),
     [
-        (CONDITIONAL_WHERE, "None where there is no alarm"),
-        (re.compile(DIALECT["is none"]), "A key that is none is refused."),
-        (OPTION, "set --sample-rate to the rate"),
+        pytest.param(CONDITIONAL_WHERE, "None where there is no alarm", id="where"),
+        pytest.param(
+            re.compile(DIALECT["is none"]), "A key that is none is refused.", id="is none"
+        ),
+        pytest.param(OPTION, "set --sample-rate to the rate", id="option"),
     ],
 )
-def test_the_patterns_detect_what_they_are_for(pattern: re.Pattern[str], text: str) -> None:
+# an expression that matches nothing would pass every test above
+def test_the_patterns_detect_an_example_of_what_they_forbid(
+    pattern: re.Pattern[str], text: str
+) -> None:
     assert pattern.search(text)

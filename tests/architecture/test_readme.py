@@ -6,32 +6,36 @@ from pathlib import Path
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 
 
-def blocks(language: str) -> list[str]:
+def code_blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
 
 
-def test_readme_has_600_words_at_most() -> None:
+def test_readme_has_at_most_600_words() -> None:
     assert len(README.split()) <= 600
 
 
-def test_what_is_installed_from_a_shell_is_installed_in_the_same_way_on_windows() -> None:
-    steps = [
-        line.strip()
-        for block in blocks("sh")
-        for line in re.split(r"&&|\n", block)
-        if ".venv" in line
-    ]
-    unix = list(dict.fromkeys(steps))
-    windows = [line for block in blocks("bat") for line in block.splitlines()]
-    assert [
-        line.replace("python3 ", "py ").replace(".venv/bin/", ".venv\\Scripts\\") for line in unix
-    ] == windows
+def test_the_installation_on_windows_has_the_steps_of_other_systems() -> None:
+    unix_steps = []
+    for block in code_blocks("sh"):
+        for step in re.split(r"&&|\n", block):
+            if ".venv" in step:
+                unix_steps.append(step.strip())
+    windows_steps = [line for block in code_blocks("bat") for line in block.splitlines()]
+
+    expected_steps = []
+    # two blocks of sh may share a step
+    for step in dict.fromkeys(unix_steps):
+        windows_step = step.replace("python3 ", "py ").replace(".venv/bin/", ".venv\\Scripts\\")
+        expected_steps.append(windows_step)
+    assert expected_steps == windows_steps
 
 
 def test_other_commands_are_the_same_in_every_shell() -> None:
-    """cmd.exe knows no single quotes, PowerShell expands ``$`` and backquotes, and each continues
-    lines its own way.
-    """
-    lines = [line for block in blocks("sh") for line in block.splitlines() if ".venv" not in line]
+    lines = [
+        line for block in code_blocks("sh") for line in block.splitlines() if ".venv" not in line
+    ]
     assert lines
+
+    # cmd.exe knows no single quotes, PowerShell expands `$` and backquotes, and each continues
+    # lines in its own way
     assert [line for line in lines if re.search(r"['$`!]|\\$|&&", line)] == []

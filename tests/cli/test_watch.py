@@ -17,7 +17,7 @@ TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "watch.md"
 def watch_arguments(line: str) -> list[str] | None:
     """Return the arguments of a line that runs a watch to its end, and `None` for other lines."""
     words = [word.strip('"') for word in re.findall(r'"[^"]*"|\S+', line)]
-    # the bench's plant would write recordings for minutes
+    # the demo runs for two minutes, until Ctrl-C ends it
     if words[:2] != ["swashtwin", "watch"] or words[2] == "demo":
         return None
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,16 +67,24 @@ def test_the_velocity_of_a_sine_is_its_amplitude_over_its_angular_frequency(
     )
 
 
-def test_the_energies_of_bands_that_share_an_edge_add_up_to_the_whole() -> None:
-    noise = np.random.default_rng(1).standard_normal((2, len(TIME)))
-    parts = [
-        band_rms(noise, RATE, low, high) ** 2
-        for low, high in ((0, 123.4), (123.4, 2000), (2000, 5000))
-    ]
+WHITE_NOISE = np.random.default_rng(1).standard_normal((2, len(TIME)))
 
-    assert np.sum(parts, axis=0) == pytest.approx(band_rms(noise, RATE, 0, 5000) ** 2)
-    assert band_rms(noise, RATE, 0, 5000) == pytest.approx(noise.std(axis=1), rel=0.02)
-    assert band_rms(noise, RATE, 1000, 2000) == pytest.approx([math.sqrt(0.2)] * 2, rel=0.05)
+
+def test_the_energies_of_bands_that_share_an_edge_add_up_to_the_whole() -> None:
+    # one of the edges is between two lines of the spectrum
+    bands = [(0, 123.4), (123.4, 2000), (2000, 5000)]
+
+    energies = [band_rms(WHITE_NOISE, RATE, low, high) ** 2 for low, high in bands]
+
+    assert np.sum(energies, axis=0) == pytest.approx(band_rms(WHITE_NOISE, RATE, 0, 5000) ** 2)
+
+
+def test_the_rms_of_a_band_of_white_noise_is_its_share_of_the_bandwidth() -> None:
+    whole = band_rms(WHITE_NOISE, RATE, 0, 5000)
+    fifth = band_rms(WHITE_NOISE, RATE, 1000, 2000)
+
+    assert whole == pytest.approx(WHITE_NOISE.std(axis=1), rel=0.02)
+    assert fifth == pytest.approx([math.sqrt(0.2)] * 2, rel=0.05)
 
 
 def test_the_kurtogram_of_noise_scatters_about_zero_with_its_deviation() -> None:
@@ -90,11 +99,17 @@ def test_the_kurtogram_of_noise_scatters_about_zero_with_its_deviation() -> None
     assert 0.8 < scores.std() < 1.5
 
 
-def test_the_kurtosis_is_that_of_the_analytic_signal_and_minus_one_for_a_sine() -> None:
+def test_the_kurtosis_of_a_sine_is_minus_one() -> None:
+    # Its envelope is constant.
     sine = np.sin(2 * np.pi * 1100 * TIME)
+
     assert kurtogram(sine).kurtosis[0] == pytest.approx(-1, abs=0.01)
 
+
+def test_the_kurtosis_is_that_of_the_analytic_signal() -> None:
     signal = bursts()
+
+    # without the ends, at which the transform is inaccurate
     power = np.abs(scipy.signal.hilbert(signal - signal.mean()))[40:-40] ** 2
     expected = (power**2).mean() / power.mean() ** 2 - 2
 
@@ -112,7 +127,12 @@ def test_the_kurtogram_finds_the_band_that_rings(ring: float) -> None:
 
 def test_a_kurtogram_keeps_bands_that_are_wide_enough() -> None:
     result = kurtogram(bursts(), min_bandwidth=600.0)
+
+    # 5 kHz, halved three times
     assert (result.high - result.low).min() == pytest.approx(625)
+
+
+def test_a_constant_signal_has_no_kurtogram() -> None:
     with pytest.raises(InputError, match="kurtogram"):
         kurtogram(np.ones(1000))
 
@@ -135,22 +155,32 @@ def test_the_automatic_envelope_shows_the_frequency_of_the_impacts() -> None:
 
 def test_a_table_has_the_statistics_of_scipy_for_each_channel() -> None:
     recording = pump()
-    table = indicators_of(recording, pistons=7)
-    row = recording.signal - recording.signal.mean(axis=1, keepdims=True)
+    signal = recording.signal - recording.signal.mean(axis=1, keepdims=True)
+    rms = signal.std(axis=1)
+    peak = np.abs(signal).max(axis=1)
+    kurtosis = scipy.stats.kurtosis(signal, axis=1, fisher=False)
+    skewness = scipy.stats.skew(signal, axis=1)
 
-    assert table.column("rms")[1] == pytest.approx(row.std(axis=1))
-    assert table.column("peak")[1] == pytest.approx(np.abs(row).max(axis=1))
-    assert table.column("crest_factor")[1] == pytest.approx(
-        np.abs(row).max(axis=1) / row.std(axis=1)
-    )
-    assert table.column("kurtosis")[1] == pytest.approx(
-        scipy.stats.kurtosis(row, axis=1, fisher=False)
-    )
-    assert table.column("skewness")[1] == pytest.approx(scipy.stats.skew(row, axis=1))
-    for order, amplitude in ((1, 0.3), (7, 1.0), (14, 0.4)):
-        assert table.column(f"order_amplitude {order}x")[1] == pytest.approx(
-            [amplitude] * 2, rel=0.02
-        )
+    table = indicators_of(recording, pistons=7)
+
+    assert table.column("rms")[1] == pytest.approx(rms)
+    assert table.column("peak")[1] == pytest.approx(peak)
+    assert table.column("crest_factor")[1] == pytest.approx(peak / rms)
+    assert table.column("kurtosis")[1] == pytest.approx(kurtosis)
+    assert table.column("skewness")[1] == pytest.approx(skewness)
+
+
+# the lines of `pump`: of the shaft, of the pistons and its double
+@pytest.mark.parametrize(("order", "amplitude"), [(1, 0.3), (7, 1.0), (14, 0.4)])
+def test_a_table_has_the_amplitudes_of_lines(order: int, amplitude: float) -> None:
+    table = indicators_of(pump(), pistons=7)
+
+    amplitudes = table.column(f"order_amplitude {order}x")[1]
+    assert amplitudes == pytest.approx([amplitude] * 2, rel=0.02)
+
+
+def test_a_table_has_units_and_gaps_for_bands_above_half_the_rate() -> None:
+    table = indicators_of(pump(), pistons=7)
 
     assert [indicator.unit for indicator in table.columns[:3]] == ["m/s^2", "m/s^2", ""]
     assert np.isnan(table.column("band_rms 5000-10000 Hz")[1]).all()
@@ -161,14 +191,22 @@ def test_lines_along_an_angle_keep_their_amplitude() -> None:
     assert table.column("order_amplitude 7x")[1] == pytest.approx([1, 1], rel=0.02)
 
 
-def test_bands_in_orders_need_a_speed_and_follow_it() -> None:
-    band = (Band(0.5, 1.5, in_orders=True),)
-    slow = indicators_of(pump(), bands=band, families=("bands",))
+AROUND_THE_SHAFT = Band(0.5, 1.5, in_orders=True)
 
-    assert slow.column("band_rms 0.5-1.5x")[1] == pytest.approx([0.3 / math.sqrt(2)] * 2, rel=0.02)
-    assert indicators_of(
-        replace(pump(), condition=None), bands=band, families=("bands",)
-    ).values.shape == (2, 0)
+
+def test_a_band_in_orders_follows_the_speed() -> None:
+    table = indicators_of(pump(), bands=(AROUND_THE_SHAFT,), families=("bands",))
+
+    rms = table.column("band_rms 0.5-1.5x")[1]
+    assert rms == pytest.approx([0.3 / math.sqrt(2)] * 2, rel=0.02)
+
+
+def test_a_band_in_orders_is_left_out_without_a_speed() -> None:
+    recording = replace(pump(), condition=None)
+
+    table = indicators_of(recording, bands=(AROUND_THE_SHAFT,), families=("bands",))
+
+    assert table.values.shape == (2, 0)
 
 
 def test_a_short_recording_has_gaps_and_no_error() -> None:
@@ -180,15 +218,26 @@ def test_a_short_recording_has_gaps_and_no_error() -> None:
     assert np.isfinite(table.column("rms")[1]).all()
 
 
-def test_invalid_families_pistons_and_indicators_are_refused() -> None:
-    with pytest.raises(InputError, match="no family of indicators 'speed'"):
-        indicators_of(pump(), families=("speed",))
-    with pytest.raises(InputError, match="pistons"):
-        indicators_of(pump(), pistons=0)
-    with pytest.raises(DataError, match="No recording"):
-        stack_tables([])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        pytest.param({"families": ("speed",)}, "no family of indicators 'speed'", id="family"),
+        pytest.param({"pistons": 0}, "pistons", id="pistons"),
+    ],
+)
+def test_an_invalid_option_of_indicators_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        indicators_of(pump(), **options)
+
+
+def test_an_unknown_indicator_is_refused() -> None:
     with pytest.raises(InputError, match="no indicator 'rsm'"):
         indicators_of(pump()).column("rsm")
+
+
+def test_a_table_of_no_recording_is_refused() -> None:
+    with pytest.raises(DataError, match="No recording"):
+        stack_tables([])
 
 
 @pytest.mark.parametrize(("kind", "position"), [("amplitude", 105.0), ("order", 7.0)])
@@ -208,21 +257,30 @@ def test_the_piston_line_is_at_its_mark(kind: str, position: float) -> None:
     assert spectrum.marks[2].position == pytest.approx(position)
 
 
-def test_an_envelope_band_beyond_half_the_sample_rate_is_refused() -> None:
-    for band in ((1000.0, 99_000.0), (3000.0, 2000.0), (-5.0, 100.0)):
-        with pytest.raises(InputError, match="half the sample rate"):
-            spectrum_of(pump(), "envelope", band=band)
+@pytest.mark.parametrize(
+    "band",
+    [
+        pytest.param((1000.0, 99_000.0), id="above half the rate"),
+        pytest.param((3000.0, 2000.0), id="edges exchanged"),
+        pytest.param((-5.0, 100.0), id="below zero"),
+    ],
+)
+def test_an_envelope_band_outside_zero_to_half_the_sample_rate_is_refused(
+    band: tuple[float, float],
+) -> None:
+    with pytest.raises(InputError, match="half the sample rate"):
+        spectrum_of(pump(), "envelope", band=band)
 
 
 def test_the_statistics_of_a_long_recording_in_stretches_are_those_of_all_samples(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     time = np.arange(200_000) / RATE
-    signal = np.random.default_rng(0).standard_normal((2, time.size)) + 0.5 * np.sin(
-        2 * np.pi * 25 * time
-    )
+    noise = np.random.default_rng(0).standard_normal((2, time.size))
+    signal = noise + 0.5 * np.sin(2 * np.pi * 25 * time)
     recording = Recording(signal, RATE, "long", ("x", "y"), attributes={"speed": "1500 rpm"})
     whole = indicators_of(recording, pistons=9)
+
     monkeypatch.setattr(indicator_table, "MAX_SAMPLES", 100_000)
     monkeypatch.setattr(indicator_table, "STRETCH_SAMPLES", 60_000)
     parts = indicator_table.summarize_long_recording(
@@ -233,6 +291,7 @@ def test_the_statistics_of_a_long_recording_in_stretches_are_those_of_all_sample
     for name in ("rms", "peak", "crest_factor", "kurtosis", "skewness"):
         assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=1e-9)
 
+    # the others are means over stretches of the recording
     for name in ("velocity_rms", "band_rms 10-1000 Hz", "order_amplitude 1x"):
         assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=0.05)
 

@@ -1,6 +1,4 @@
-"""The golden files of this folder: how a value is written to one, and in what another value differs
-from it.
-"""
+"""Golden files of this folder: writing a value to one, and the differences of another value."""
 
 import json
 import math
@@ -14,7 +12,7 @@ DIGITS = 12
 
 
 def golden_file(name: str) -> Path:
-    """File of the golden value `name`."""
+    """Return the file of the golden value `name`."""
     return FOLDER / f"{name}.json"
 
 
@@ -24,37 +22,42 @@ def save_golden(name: str, value: Any) -> None:
 
 
 def load_golden(name: str) -> Any:
-    """The golden value `name`."""
+    """Return the golden value `name`."""
     return json.loads(golden_file(name).read_text(encoding="utf-8"))
 
 
 def rounded(value: Any) -> Any:
-    """The value with its floating-point numbers rounded to `DIGITS` significant digits."""
+    """Return the value with its floating-point numbers rounded to `DIGITS` significant digits."""
     if isinstance(value, dict):
         return {key: rounded(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
         return [rounded(entry) for entry in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    return value
 
 
 def differences(
     value: Any, golden: Any, *, rtol: float, atol: float = 0.0, path: str = ""
 ) -> Iterator[str]:
-    """In what `value` differs from `golden`, a line each.
+    """Yield a line for each difference of `value` from `golden`.
 
     Parameters
     ----------
     rtol, atol : relative and absolute difference that a number may have; whole numbers may have
     none.
-    path : where in the whole value this one stands.
+    path : position of this value in the whole one.
     """
     if isinstance(value, dict) and isinstance(golden, dict):
         for key in sorted({*value, *golden}):
-            if key not in value or key not in golden:
-                yield f"{path}.{key} is {'missing' if key in golden else 'new'}"
+            entry_path = f"{path}.{key}"
+            if key not in value:
+                yield f"{entry_path} is missing"
+            elif key not in golden:
+                yield f"{entry_path} is new"
             else:
                 yield from differences(
-                    value[key], golden[key], rtol=rtol, atol=atol, path=f"{path}.{key}"
+                    value[key], golden[key], rtol=rtol, atol=atol, path=entry_path
                 )
     elif isinstance(value, list) and isinstance(golden, list) and len(value) == len(golden):
         for number, pair in enumerate(zip(value, golden, strict=True)):
@@ -64,11 +67,9 @@ def differences(
 
 
 def _equal(value: Any, golden: Any, rtol: float, atol: float) -> bool:
-    if (
-        isinstance(value, float)
-        and isinstance(golden, int | float)
-        and not isinstance(golden, bool)
-    ):
+    # JSON may hold 1 for the number 1.0, and bool is a kind of int.
+    is_number = isinstance(golden, int | float) and not isinstance(golden, bool)
+    if isinstance(value, float) and is_number:
         return math.isclose(value, golden, rel_tol=rtol, abs_tol=atol)
 
     return type(value) is type(golden) and bool(value == golden)

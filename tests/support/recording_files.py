@@ -48,6 +48,7 @@ def noise(
 
 
 def write_uff(path: Path, signal: np.ndarray, step: float, unit: str = "m/s^2") -> None:
+    """Write a universal file of a time response for each row, with a sample each `step` seconds."""
     import pyuff
 
     sets = [
@@ -76,6 +77,7 @@ def write_uff(path: Path, signal: np.ndarray, step: float, unit: str = "m/s^2") 
 
 
 def written(recording: Recording, folder: Path, suffix: str) -> Path:
+    """Return a file of the recording, also in a format that swashtwin only reads."""
     path = folder / f"file.{suffix}"
     if suffix == "uff":
         write_uff(path, recording.signal, 1 / recording.sample_rate)
@@ -84,5 +86,7 @@ def written(recording: Recording, folder: Path, suffix: str) -> Path:
 
 
 def read_back(path: Path) -> Recording:
-    """The recording, told what its format has no place for."""
-    return load_recording(path, **({"unit": "m/s^2"} if path.suffix == ".wav" else {}))
+    """Return the recording of a file, with the unit that WAV has no place for."""
+    if path.suffix == ".wav":
+        return load_recording(path, unit="m/s^2")
+    return load_recording(path)

@@ -1,7 +1,7 @@
-"""Small files as recorders and programs write them: each gives its right answer, by numbers, or is
-refused by name.
-"""
+"""Small files as recorders and programs write them: each is read right, or refused by name."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -9,88 +9,246 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import inspect_recordings, load_recording
+from swashtwin.recordings import Recording, inspect_recordings, load_recording
 
 CASES = Path(__file__).parent / "cases"
 G = 9.80665
-READ: list[tuple[str, dict[str, Any], float, int, str, list[float]]] = [
-    # file, what it does not say, rate [Hz], samples, channels, rms [m/s^2 or V]
-    ("01-lvm-notes-pump.lvm", {}, 10_000, 2000, "acc_x acc_y", [1.4596 * G, 0.7296 * G]),
-    ("03-picoscope-us_greek_mu.csv", {}, 50_000, 2000, "Channel A,Channel B", [0.29241, 0.07297]),
-    ("08-trailing-separator-log.csv", {}, 20_000, 2000, "acc_x acc_y", [1.46264 * G, 0.73077 * G]),
-    ("09-preamble-export.txt", {"unit": "g"}, 12_800, 2048, "acc_z", [1.46269 * G]),
-    ("13-dropped-samples-log.csv", {}, 1000, 2700, "acc", []),
-    ("13-dropped-samples-fine_10.csv", {}, 25_600, 18432, "acc", []),
-    ("15-dst-offset-log.csv", {}, 1000, 3000, "acc", []),
-    ("17-d-exponent-fortran.dat", {"unit": "g"}, 10_000, 1500, "column_1", [1.46797 * G]),
-    ("20-epoch-column-epoch_us.csv", {}, 4000, 3000, "acc", []),
-    ("24-wav-never-closed-zero_data.wav", {"unit": "1"}, 48_000, 48000, "channel_0", []),
-    ("27-wav-wrapped-wrapped.wav", {"unit": "1"}, 48_000, 48000, "channel_0", []),
-    ("29-tdms-scale-scaled_int32.tdms", {}, 25_600, 25600, "acc_x acc_y", [13.868, 13.868]),
-    ("32-tdms-appended-other_rate.tdms", {"channels": ["acc [1]"]}, 20_000, 2000, "acc [1]", []),
-    ("32-tdms-appended-other_rate.tdms", {"channels": ["acc [2]"]}, 5000, 1000, "acc [2]", []),
-    ("35-uff-58b-by_pyuff.uff", {}, 12_800, 1001, "acc z", [1.45387 * G]),
-    (
-        "35-uff-58b-sets3_std.uff",
-        {},
-        12_800,
-        1001,
-        "1+Z 2+Z 3+Z",
-        [1.45387 * G, 1.45387 * G / 2, 1.45387 * G / 3],
+
+# Some of the libraries leave a file open that they cannot read to its end.
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A file and the recording that it holds."""
+
+    file: str
+    rate: float
+    """Hz"""
+    n_samples: int
+    channels: tuple[str, ...]
+    rms: tuple[float, ...] = ()
+    """m/s^2 or V; empty if it is not checked."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """What the file does not state."""
+
+
+TEXT_CASES = [
+    Case(
+        file="01-lvm-notes-pump.lvm",
+        rate=10_000,
+        n_samples=2000,
+        channels=("acc_x", "acc_y"),
+        rms=(1.4596 * G, 0.7296 * G),
     ),
-    ("36-uff-odd-uneven-uneven_odd.uff", {}, 12_800, 1001, "pump", [1.45387 * G]),
-    (
-        "39-mat-struct-array-struct_array_rates.mat",
-        {"channels": ["ch.acc_y.data"]},
-        10_000,
-        2000,
-        "ch.acc_y.data",
-        [],
+    Case(
+        file="03-picoscope-us_greek_mu.csv",
+        rate=50_000,
+        n_samples=2000,
+        channels=("Channel A", "Channel B"),
+        rms=(0.29241, 0.07297),
     ),
-    ("40-mat-labchart-labchart.mat", {}, 20_000, 4000, "acc_x acc_y", [1.46223 * G, 0.73184 * G]),
-    ("42-hdf5-scale-offset-cf.h5", {}, 20_000, 4000, "acc", [1.46224 * G]),
-    ("42-hdf5-scale-offset-fillvalue.h5", {}, 20_000, 4000, "acc", [14.325]),
-    ("44-volts-iepe.csv", {"sensitivity": "99.7 mV/g"}, 20_000, 4096, "ai0", [14.289]),
-    ("46-asammdf-exports-asammdf_export.csv", {"unit": "g"}, 20_000, 4000, "acc_x acc_y", []),
+    Case(
+        file="08-trailing-separator-log.csv",
+        rate=20_000,
+        n_samples=2000,
+        channels=("acc_x", "acc_y"),
+        rms=(1.46264 * G, 0.73077 * G),
+    ),
+    Case(
+        file="09-preamble-export.txt",
+        rate=12_800,
+        n_samples=2048,
+        channels=("acc_z",),
+        rms=(1.46269 * G,),
+        options={"unit": "g"},
+    ),
+    # The clock is set back by an hour at the end of summer time.
+    Case(file="15-dst-offset-log.csv", rate=1000, n_samples=3000, channels=("acc",)),
+    Case(
+        file="17-d-exponent-fortran.dat",
+        rate=10_000,
+        n_samples=1500,
+        channels=("column_1",),
+        rms=(1.46797 * G,),
+        options={"unit": "g"},
+    ),
+    Case(file="20-epoch-column-epoch_us.csv", rate=4000, n_samples=3000, channels=("acc",)),
+    Case(
+        file="44-volts-iepe.csv",
+        rate=20_000,
+        n_samples=4096,
+        channels=("ai0",),
+        rms=(14.289,),
+        options={"sensitivity": "99.7 mV/g"},
+    ),
+    Case(
+        file="46-asammdf-exports-asammdf_export.csv",
+        rate=20_000,
+        n_samples=4000,
+        channels=("acc_x", "acc_y"),
+        options={"unit": "g"},
+    ),
 ]
-REFUSED = [
-    ("21-tagged-rows-track.csv", r"rows are of 2 sensors by turns \(BARO, IMU\)"),
-    ("22-short-header-log.csv", "line 1 has 2 headings for 3 columns"),
-    ("29-tdms-scale-reciprocal.tdms", "Unsupported scale type: Reciprocal"),
-    (
-        "32-tdms-appended-other_rate.tdms",
-        r"several rates \(acc \[1\]: 20000 Hz, acc \[2\]: 5000 Hz\)",
+
+WAV_AND_TDMS_CASES = [
+    # A recorder that was never stopped left the length at 0.
+    Case(
+        file="24-wav-never-closed-zero_data.wav",
+        rate=48_000,
+        n_samples=48_000,
+        channels=("channel_0",),
+        options={"unit": "1"},
     ),
-    ("31-tdms-start-times-two_starts.tdms", "different start times"),
-    ("38-mat-datetime-table.mat", "T is a MATLAB table, which cannot be read; save its columns"),
-    (
-        "39-mat-struct-array-struct_array_rates.mat",
-        r"ch\.acc_x\.data: 20000 Hz, ch\.acc_y\.data: 10000 Hz",
+    Case(
+        file="27-wav-wrapped-wrapped.wav",
+        rate=48_000,
+        n_samples=48_000,
+        channels=("channel_0",),
+        options={"unit": "1"},
     ),
-    ("43-mdf-master-angle.mf4", "counts angle, not time"),
+    Case(
+        file="29-tdms-scale-scaled_int32.tdms",
+        rate=25_600,
+        n_samples=25_600,
+        channels=("acc_x", "acc_y"),
+        rms=(13.868, 13.868),
+    ),
+    # A measurement was appended at another rate, so the user selects one of the two.
+    Case(
+        file="32-tdms-appended-other_rate.tdms",
+        rate=20_000,
+        n_samples=2000,
+        channels=("acc [1]",),
+        options={"channels": ["acc [1]"]},
+    ),
+    Case(
+        file="32-tdms-appended-other_rate.tdms",
+        rate=5000,
+        n_samples=1000,
+        channels=("acc [2]",),
+        options={"channels": ["acc [2]"]},
+    ),
 ]
+
+UFF_MATLAB_AND_HDF5_CASES = [
+    Case(
+        file="35-uff-58b-by_pyuff.uff",
+        rate=12_800,
+        n_samples=1001,
+        channels=("acc z",),
+        rms=(1.45387 * G,),
+    ),
+    Case(
+        file="35-uff-58b-sets3_std.uff",
+        rate=12_800,
+        n_samples=1001,
+        channels=("1+Z", "2+Z", "3+Z"),
+        rms=(1.45387 * G, 1.45387 * G / 2, 1.45387 * G / 3),
+    ),
+    Case(
+        file="36-uff-odd-uneven-uneven_odd.uff",
+        rate=12_800,
+        n_samples=1001,
+        channels=("pump",),
+        rms=(1.45387 * G,),
+    ),
+    Case(
+        file="39-mat-struct-array-struct_array_rates.mat",
+        rate=10_000,
+        n_samples=2000,
+        channels=("ch.acc_y.data",),
+        options={"channels": ["ch.acc_y.data"]},
+    ),
+    Case(
+        file="40-mat-labchart-labchart.mat",
+        rate=20_000,
+        n_samples=4000,
+        channels=("acc_x", "acc_y"),
+        rms=(1.46223 * G, 0.73184 * G),
+    ),
+    Case(
+        file="42-hdf5-scale-offset-cf.h5",
+        rate=20_000,
+        n_samples=4000,
+        channels=("acc",),
+        rms=(1.46224 * G,),
+    ),
+    Case(
+        file="42-hdf5-scale-offset-fillvalue.h5",
+        rate=20_000,
+        n_samples=4000,
+        channels=("acc",),
+        rms=(14.325,),
+    ),
+]
+
+DROPPED_SAMPLES_CASES = [
+    Case(file="13-dropped-samples-log.csv", rate=1000, n_samples=2700, channels=("acc",)),
+    Case(file="13-dropped-samples-fine_10.csv", rate=25_600, n_samples=18_432, channels=("acc",)),
+]
+
+
+def file_of(case: Case) -> str:
+    return case.file
+
+
+def assert_case(case: Case) -> Recording:
+    """Check the rate, length, channels and levels of a case, and return its recording."""
+    recording = load_recording(CASES / case.file, **case.options)
+
+    assert recording.sample_rate == pytest.approx(case.rate, rel=1e-6)
+    assert recording.n_samples == case.n_samples
+    assert recording.channels == case.channels
+    if case.rms:
+        rms = np.sqrt(np.nanmean(recording.signal**2, axis=1))
+        np.testing.assert_allclose(rms, case.rms, rtol=1e-4)
+    return recording
+
+
+def has_gaps(recording: Recording) -> bool:
+    findings = inspect_recordings([recording]).recordings[0].findings
+    return any(finding.kind == "gaps" for finding in findings)
 
 
 @pytest.mark.parametrize(
-    ("file", "options", "rate", "samples", "channels", "rms"), READ, ids=[row[0] for row in READ]
+    "case", [*TEXT_CASES, *WAV_AND_TDMS_CASES, *UFF_MATLAB_AND_HDF5_CASES], ids=file_of
 )
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_case_is_read_right(
-    file: str, options: dict[str, Any], rate: float, samples: int, channels: str, rms: list[float]
-) -> None:
-    recording = load_recording(CASES / file, **options)
-    assert recording.sample_rate == pytest.approx(rate, rel=1e-6)
-    assert recording.n_samples == samples
-    assert recording.channels in (tuple(channels.split()), tuple(channels.split(",")))
-    if rms:
-        np.testing.assert_allclose(np.sqrt(np.nanmean(recording.signal**2, axis=1)), rms, rtol=1e-4)
-    findings = inspect_recordings([recording]).recordings[0].findings
-    assert any(finding.kind == "gaps" for finding in findings) == file.startswith("13")
+def test_a_file_is_read_right_and_without_gaps(case: Case) -> None:
+    recording = assert_case(case)
+
+    assert not has_gaps(recording)
 
 
-@pytest.mark.parametrize(("file", "reason"), REFUSED, ids=[row[0] for row in REFUSED])
-def test_a_case_is_refused_by_name(file: str, reason: str) -> None:
+@pytest.mark.parametrize("case", DROPPED_SAMPLES_CASES, ids=file_of)
+def test_a_file_with_dropped_samples_is_read_with_its_gaps(case: Case) -> None:
+    recording = assert_case(case)
+
+    assert has_gaps(recording)
+
+
+REFUSED_FILES = {
+    # A logger writes the rows of two sensors in turn.
+    "21-tagged-rows-track.csv": r"rows are of 2 sensors by turns \(BARO, IMU\)",
+    "22-short-header-log.csv": "line 1 has 2 headings for 3 columns",
+    "29-tdms-scale-reciprocal.tdms": "Unsupported scale type: Reciprocal",
+    "32-tdms-appended-other_rate.tdms": (
+        r"several rates \(acc \[1\]: 20000 Hz, acc \[2\]: 5000 Hz\)"
+    ),
+    "31-tdms-start-times-two_starts.tdms": "different start times",
+    "38-mat-datetime-table.mat": "T is a MATLAB table, which cannot be read; save its columns",
+    "39-mat-struct-array-struct_array_rates.mat": (
+        r"ch\.acc_x\.data: 20000 Hz, ch\.acc_y\.data: 10000 Hz"
+    ),
+    # Order tracking samples by the shaft's angle.
+    "43-mdf-master-angle.mf4": "counts angle, not time",
+}
+
+
+@pytest.mark.parametrize(("file", "reason"), REFUSED_FILES.items(), ids=REFUSED_FILES.keys())
+def test_a_file_that_is_not_read_is_refused_with_the_reason(file: str, reason: str) -> None:
     if file.endswith("mf4"):
         pytest.importorskip("asammdf")
+
     with pytest.raises(DataError, match=reason):
         load_recording(CASES / file)

@@ -1,6 +1,4 @@
-"""The process that reads files: it may die, never this one; it serves one file after the other and
-ends with this.
-"""
+"""A process of its own reads files: it may die of one, and it ends with the one that started it."""
 
 import os
 import pickle
@@ -11,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from recording_files import some_recording
@@ -19,7 +18,8 @@ from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.recordings.formats import isolation
 
-DEADLY = """
+# A stand-in for the library of WAV files, which fails as the text of the file says.
+FAILING_SOUNDFILE = """
 import os, sys
 import numpy as np
 
@@ -42,85 +42,105 @@ class SoundFile:
     def read(self, count, dtype, always_2d):
         return np.arange(float(self.frames))[self.start : self.start + count, None]
 """
-"""A library that dies of some files."""
+
+ReadText = Callable[[str], Recording]
 
 
 @pytest.fixture
-def read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Recording]]:
-    """Reads a file of some text by that library."""
-    (tmp_path / "soundfile.py").write_text(DEADLY)
+def read_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ReadText]:
+    """Return a function that reads a file of some text with the failing library."""
+    (tmp_path / "soundfile.py").write_text(FAILING_SOUNDFILE)
     monkeypatch.syspath_prepend(tmp_path)
     isolation.stop()
 
-    def read_text(text: str) -> Recording:
+    def write_and_load(text: str) -> Recording:
         path = tmp_path / f"{text}.wav"
         path.write_text(text)
         return load_recording(path, unit="1")
 
-    yield read_text
+    yield write_and_load
     isolation.stop()
 
 
-def worker_id() -> int:
+def reader_id() -> int:
+    """Return the process id of the reader."""
     assert isolation.reader.pid is not None
     return isolation.reader.pid
 
 
-def test_a_crash_an_endless_loop_and_too_much_memory_are_one_line_each(
-    read: Callable[[str], Recording], monkeypatch: pytest.MonkeyPatch
+# ---- failures of a library
+
+
+def test_a_crash_is_reported_and_the_next_file_is_read(read_text: ReadText) -> None:
+    message = r"crash\.wav is damaged: the library that reads it crashed \(signal 6\)"
+    with pytest.raises(DataError, match=message):
+        read_text("crash")
+
+    np.testing.assert_array_equal(read_text("fine").slice(1, 3).signal[0], [1.0, 2.0])
+
+
+def test_too_much_memory_is_reported_and_the_reader_lives_on(
+    read_text: ReadText, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(
-        DataError, match=r"crash\.wav is damaged: the library that reads it crashed \(signal 6\)"
-    ):
-        read("crash")
-    np.testing.assert_array_equal(read("fine").slice(1, 3).signal[0], [1.0, 2.0])
-    before = worker_id()
+    read_text("fine")
+    first_id = reader_id()
     monkeypatch.setenv("SWASHTWIN_MEMORY_GB", "1")
-    with pytest.raises(
-        DataError, match=r"bomb\.wav .*more than the limit of 1 GB .* set SWASHTWIN_MEMORY_GB"
-    ):
-        read("bomb")
-    assert read("fine").sample_rate == 10.0
-    assert worker_id() == before  # refused by the system, and the process goes on
+
+    message = r"bomb\.wav .*more than the limit of 1 GB .* set SWASHTWIN_MEMORY_GB"
+    with pytest.raises(DataError, match=message):
+        read_text("bomb")
+
+    # the system refuses the memory, which kills nothing
+    assert read_text("fine").sample_rate == 10.0
+    assert reader_id() == first_id
+
+
+def test_an_endless_loop_is_ended_and_reported(
+    read_text: ReadText, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(isolation, "_READ_TIMEOUT_S", 0.6)
+
     with pytest.raises(DataError, match=r"hang\.wav is damaged: no end was found in 1 s"):
-        read("hang")
+        read_text("hang")
 
 
-def test_what_an_earlier_file_broke_is_not_blamed_on_a_later_one(
-    read: Callable[[str], Recording],
+def test_a_crash_caused_by_an_earlier_file_is_not_blamed_on_a_later_one(
+    read_text: ReadText,
 ) -> None:
-    read("poison")
-    assert read("victim").sample_rate == 10.0
+    read_text("poison")
+
+    assert read_text("victim").sample_rate == 10.0
 
 
-def test_one_process_reads_many_files_and_is_started_anew_when_it_was_killed(
-    tmp_path: Path,
-) -> None:
-    recording = some_recording()
-    paths = [
-        write_recording(recording, tmp_path / f"a.{suffix}")
-        for suffix in ("h5", "npz", "csv", "wav")
-    ]
-    loaded = [load_recording(path, unit="m/s^2") for path in paths]
-    before = worker_id()
-    for each in loaded:
-        np.testing.assert_array_equal(each.slice(3, 9).signal, each.signal[:, 3:9])
-    assert worker_id() == before
-    (fresh,) = [load_recording(paths[1])]
-    os.kill(before, signal.SIGKILL)
-    np.testing.assert_array_equal(fresh.signal, recording.signal)
-    assert worker_id() != before
+# ---- the life of the reader
 
 
-def test_columns_are_pickled_without_their_samples(tmp_path: Path) -> None:
-    recording = load_recording(write_recording(some_recording(), tmp_path / "a.h5"))
-    content = pickle.dumps(recording)
-    assert len(content) < 4000
-    np.testing.assert_array_equal(pickle.loads(content).signal, recording.signal)
+def test_one_process_reads_files_of_several_formats(tmp_path: Path) -> None:
+    recordings = []
+    for suffix in ("h5", "npz", "csv", "wav"):
+        path = write_recording(some_recording(), tmp_path / f"a.{suffix}")
+        recordings.append(load_recording(path, unit="m/s^2"))
+    first_id = reader_id()
+
+    for recording in recordings:
+        np.testing.assert_array_equal(recording.slice(3, 9).signal, recording.signal[:, 3:9])
+
+    assert reader_id() == first_id
 
 
-ORPHAN = """
+def test_a_killed_reader_is_replaced(tmp_path: Path) -> None:
+    path = write_recording(some_recording(), tmp_path / "a.npz")
+    recording = load_recording(path)
+    first_id = reader_id()
+
+    os.kill(first_id, signal.SIGKILL)
+
+    np.testing.assert_array_equal(recording.signal, some_recording().signal)
+    assert reader_id() != first_id
+
+
+# A process that reads, forks a child that reads too, and is killed.
+KILLED_PARENT = """
 import os, signal, sys
 from swashtwin.recordings import load_recording
 from swashtwin.recordings.formats import isolation
@@ -135,32 +155,57 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
+def is_running(process_id: int) -> bool:
+    try:
+        os.kill(process_id, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_the_process_ends_with_the_one_that_started_it(tmp_path: Path) -> None:
+def test_the_reader_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
     path = write_recording(some_recording(), tmp_path / "a.npz")
+
     run = subprocess.run(
-        [sys.executable, "-c", ORPHAN, str(path)], capture_output=True, text=True, check=False
+        [sys.executable, "-c", KILLED_PARENT, str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
     )
+
     assert run.returncode == -signal.SIGKILL, run.stderr
+    orphan_id = int(run.stdout)
     deadline = time.monotonic() + 5
-    while time.monotonic() < deadline:
-        try:
-            os.kill(int(run.stdout), 0)
-        except ProcessLookupError:
-            return
+    while is_running(orphan_id):
+        assert time.monotonic() < deadline, "the process outlives its parent"
         time.sleep(0.05)
-    raise AssertionError("the process outlives its parent")
 
 
-def test_a_file_that_was_written_anew_in_place_gives_its_new_content(tmp_path: Path) -> None:
-    import h5py
+# ---- what is kept of a file
 
-    for value in (1.0, 2.0):
-        with h5py.File(tmp_path / "a.h5", "r+" if value > 1 else "w") as file:
-            data = file.require_dataset("x", (100,), "f8")
-            data[:] = np.arange(100) * value
-        recording = load_recording(tmp_path / "a.h5", sample_rate=100, unit="g")
-        assert recording.signal[0, 1] == pytest.approx(9.80665 * value)
+
+def test_a_pickled_recording_holds_its_file_and_not_its_samples(tmp_path: Path) -> None:
+    recording = load_recording(write_recording(some_recording(), tmp_path / "a.h5"))
+
+    content = pickle.dumps(recording)
+
+    assert len(content) < 4000
+    np.testing.assert_array_equal(pickle.loads(content).signal, recording.signal)
+
+
+def test_a_file_rewritten_in_place_gives_its_new_content(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["x"] = np.arange(100.0)
+    first = load_recording(path, sample_rate=100, unit="g")
+    assert first.signal[0, 1] == pytest.approx(9.80665)
+
+    with h5py.File(path, "r+") as file:
+        file["x"][:] = np.arange(100) * 2.0
+
+    second = load_recording(path, sample_rate=100, unit="g")
+    assert second.signal[0, 1] == pytest.approx(9.80665 * 2)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="open files are listed by Linux")
@@ -171,9 +216,11 @@ def test_a_deleted_file_does_not_stay_open(tmp_path: Path) -> None:
         write_recording(some_recording(), tmp_path / name)
         assert load_recording(tmp_path / name).signal.size
         (tmp_path / name).unlink()
-    assert isolation.reader.pid is not None
-    opened = Path(f"/proc/{isolation.reader.pid}/fd")
-    names = [os.readlink(file) for file in opened.iterdir()]
+
+    open_files = Path(f"/proc/{reader_id()}/fd")
+    names = [os.readlink(file) for file in open_files.iterdir()]
     assert not any("a.h5" in name for name in names)
+
+    # the last file stays open until the next one is read
     assert any("b.h5" in name for name in names)
     isolation.stop()

@@ -1,6 +1,4 @@
-"""Files of several rates or units: each channel has its own, and nothing is taken from a
-neighbor.
-"""
+"""Each channel of a file has its own rate and unit, and takes nothing from another channel."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,126 +12,221 @@ from scipy.io import savemat
 from swashtwin.foundation import DataError
 from swashtwin.recordings import load_recording
 
-X, Y = np.arange(20.0), np.arange(20.0) + 0.5
+G = 9.80665
+
+# A fast and a slow channel, in g.
+X = np.arange(20.0)
+Y = np.arange(20.0) + 0.5
+X_RATE = 25_600.0
+Y_RATE = 12_800.0
+
+FileWriter = Callable[[Path], Path]
 
 
-def hdf5_data_sets(folder: Path) -> Path:
+# ---- files of two rates
+
+
+def write_hdf5_data_sets(folder: Path) -> Path:
     with h5py.File(folder / "a.h5", "w") as file:
-        for name, values, rate in (("x", X, 25600.0), ("y", Y, 12800.0)):
-            file[name] = values
-            file[name].attrs.update({"fs": rate, "unit": "g"})
+        file["x"] = X
+        file["x"].attrs.update({"fs": X_RATE, "unit": "g"})
+        file["y"] = Y
+        file["y"].attrs.update({"fs": Y_RATE, "unit": "g"})
     return folder / "a.h5"
 
 
-def hdf5_groups(folder: Path) -> Path:
+def write_hdf5_groups(folder: Path) -> Path:
+    """Write a file whose rate is overridden by that of a group."""
     with h5py.File(folder / "a.h5", "w") as file:
-        file.attrs.update({"fs": 12800.0, "unit": "g"})
-        file["fast/x"], file["slow/y"] = X, Y
-        file["fast"].attrs["fs"] = 25600.0
+        file.attrs.update({"fs": Y_RATE, "unit": "g"})
+        file["fast/x"] = X
+        file["fast"].attrs["fs"] = X_RATE
+        file["slow/y"] = Y
     return folder / "a.h5"
 
 
-def matlab_structures(folder: Path) -> Path:
-    content = {"a": {"x": X, "fs": 25600.0, "unit": "g"}, "b": {"y": Y, "fs": 12800.0, "unit": "g"}}
-    savemat(folder / "a.mat", content)
+def write_matlab_structures(folder: Path) -> Path:
+    structures = {
+        "a": {"x": X, "fs": X_RATE, "unit": "g"},
+        "b": {"y": Y, "fs": Y_RATE, "unit": "g"},
+    }
+    savemat(folder / "a.mat", structures)
     return folder / "a.mat"
 
 
-def archive_keys(folder: Path) -> Path:
-    np.savez(folder / "a.npz", x=X, y=Y, x_fs=25600.0, fs_y=12800.0, unit="g")
+def write_archive(folder: Path) -> Path:
+    """Write rates whose keys name their channel, before or behind its name."""
+    np.savez(folder / "a.npz", x=X, y=Y, x_fs=X_RATE, fs_y=Y_RATE, unit="g")
     return folder / "a.npz"
 
 
-def universal_file(folder: Path) -> Path:
-    texts = []
-    for values, rate in ((X, 25600.0), (Y, 12800.0)):
-        write_uff(folder / "a.uff", values[None], 1 / rate, "g")
-        texts.append((folder / "a.uff").read_text())
-    (folder / "a.uff").write_text(texts[0] + texts[1].replace("point 0", "point 1"))
-    return folder / "a.uff"
+def write_universal_file(folder: Path) -> Path:
+    path = folder / "a.uff"
+    write_uff(path, X[None], 1 / X_RATE, "g")
+    first_set = path.read_text()
+    write_uff(path, Y[None], 1 / Y_RATE, "g")
+    second_set = path.read_text().replace("point 0", "point 1")
+
+    path.write_text(first_set + second_set)
+    return path
 
 
-@pytest.mark.parametrize(
-    "write", [hdf5_data_sets, hdf5_groups, matlab_structures, archive_keys, universal_file]
+TWO_RATE_FILES = pytest.mark.parametrize(
+    "write",
+    [
+        pytest.param(write_hdf5_data_sets, id="HDF5 data sets"),
+        pytest.param(write_hdf5_groups, id="HDF5 groups"),
+        pytest.param(write_matlab_structures, id="MATLAB structures"),
+        pytest.param(write_archive, id="NPZ keys"),
+        pytest.param(write_universal_file, id="universal file"),
+    ],
 )
-def test_each_channel_has_its_own_rate_and_two_rates_are_refused_together(
-    write: Callable[[Path], Path], tmp_path: Path
+
+
+@TWO_RATE_FILES
+def test_channels_of_two_rates_are_refused_together(write: FileWriter, tmp_path: Path) -> None:
+    message = r"several rates \(\S.*: 25600 Hz, \S.*: 12800 Hz\).*with channels"
+    with pytest.raises(DataError, match=message) as refusal:
+        load_recording(write(tmp_path))
+
+    assert "\n" not in str(refusal.value)
+
+
+@TWO_RATE_FILES
+@pytest.mark.parametrize(
+    ("channel", "rate", "values"),
+    [pytest.param(0, X_RATE, X, id="fast"), pytest.param(1, Y_RATE, Y, id="slow")],
+)
+def test_a_selected_channel_has_its_own_rate(
+    write: FileWriter, channel: int, rate: float, values: np.ndarray, tmp_path: Path
 ) -> None:
-    path = write(tmp_path)
-    with pytest.raises(
-        DataError, match=r"several rates \(\S.*: 25600 Hz, \S.*: 12800 Hz\).*with channels"
-    ) as caught:
-        load_recording(path)
-    assert "\n" not in str(caught.value)
-    for channel, rate, values in ((0, 25600.0, X), (1, 12800.0, Y)):
-        loaded = load_recording(path, channels=[channel])
-        assert loaded.sample_rate == rate
-        np.testing.assert_allclose(loaded.signal[0], values * 9.80665)
+    loaded = load_recording(write(tmp_path), channels=[channel])
+
+    assert loaded.sample_rate == rate
+    np.testing.assert_allclose(loaded.signal[0], values * G)
+
+
+@TWO_RATE_FILES
+def test_the_rate_of_another_channel_contradicts_that_of_the_selected_one(
+    write: FileWriter, tmp_path: Path
+) -> None:
     with pytest.raises(DataError, match="12800 Hz, but 25600 Hz is specified"):
-        load_recording(path, channels=[1], sample_rate="25.6 kHz")
+        load_recording(write(tmp_path), channels=[1], sample_rate="25.6 kHz")
 
 
-def test_two_rates_for_the_same_vector_and_one_that_is_none_are_refused_by_name(
-    tmp_path: Path,
-) -> None:
+# ---- rates that contradict each other
+
+
+def test_two_rates_in_an_archive_are_refused_with_their_keys(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", x=X, fs=25600.0, sample_rate=12800.0)
-    with pytest.raises(
-        DataError, match=r"two sample rates for x \(fs = 25600\.0, sample_rate = 12800\.0\)"
-    ):
+
+    message = r"two sample rates for x \(fs = 25600\.0, sample_rate = 12800\.0\)"
+    with pytest.raises(DataError, match=message):
         load_recording(tmp_path / "a.npz", unit="g")
+
+
+def test_two_rates_of_a_data_set_are_refused_with_their_attributes(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["x"] = X
         file["x"].attrs.update({"fs": 25600.0, "samplerate": 12800.0})
-    with pytest.raises(
-        DataError, match=r"two sample rates for x \(fs = 25600\.0, samplerate = 12800\.0\)"
-    ):
+
+    message = r"two sample rates for x \(fs = 25600\.0, samplerate = 12800\.0\)"
+    with pytest.raises(DataError, match=message):
         load_recording(tmp_path / "a.h5", unit="g")
-    for rate in (0.0, -5.0):
-        savemat(tmp_path / "a.mat", {"x": X, "fs": rate})
-        with pytest.raises(DataError, match=rf"a\.mat states a sample rate of {rate:g} Hz"):
-            load_recording(tmp_path / "a.mat", unit="g", sample_rate="1 kHz")
-    savemat(tmp_path / "b.mat", {"x": X, "fs": rate, "sample_rate": 2e3})
+
+
+@pytest.mark.parametrize("rate", [0.0, -5.0])
+def test_a_rate_that_is_not_positive_is_refused_even_if_another_is_specified(
+    rate: float, tmp_path: Path
+) -> None:
+    savemat(tmp_path / "a.mat", {"x": X, "fs": rate})
+
+    with pytest.raises(DataError, match=rf"a\.mat states a sample rate of {rate:g} Hz"):
+        load_recording(tmp_path / "a.mat", unit="g", sample_rate="1 kHz")
+
+
+def test_a_negative_rate_gives_way_to_a_second_one(tmp_path: Path) -> None:
+    savemat(tmp_path / "b.mat", {"x": X, "fs": -5.0, "sample_rate": 2e3})
+
     assert load_recording(tmp_path / "b.mat", unit="g").sample_rate == 2e3
 
 
-def test_units_of_two_structures_are_not_mixed(tmp_path: Path) -> None:
-    savemat(
-        tmp_path / "a.mat", {"fs": 1000.0, "a": {"x": X, "unit": "g"}, "b": {"y": Y, "unit": "Pa"}}
-    )
+# ---- units
+
+
+@pytest.fixture
+def two_units_file(tmp_path: Path) -> Path:
+    """Return a file of an acceleration in g and a pressure in Pa."""
+    structures = {"fs": 1000.0, "a": {"x": X, "unit": "g"}, "b": {"y": Y, "unit": "Pa"}}
+    savemat(tmp_path / "a.mat", structures)
+    return tmp_path / "a.mat"
+
+
+def test_channels_of_two_units_are_refused_together(two_units_file: Path) -> None:
     with pytest.raises(DataError, match="different units"):
-        load_recording(tmp_path / "a.mat", channels=["a.x", "b.y"])
-    assert load_recording(tmp_path / "a.mat").channels == ("a.x",)
-    assert load_recording(tmp_path / "a.mat", channels=["b.y"]).unit == "Pa"
+        load_recording(two_units_file, channels=["a.x", "b.y"])
+
+
+def test_only_the_acceleration_is_selected_by_default(two_units_file: Path) -> None:
+    assert load_recording(two_units_file).channels == ("a.x",)
+
+
+def test_a_selected_channel_has_its_own_unit(two_units_file: Path) -> None:
+    assert load_recording(two_units_file, channels=["b.y"]).unit == "Pa"
+
     with pytest.raises(DataError, match=r"'b\.y' is in Pa, but g is specified"):
-        load_recording(tmp_path / "a.mat", channels=["b.y"], unit="g")
+        load_recording(two_units_file, channels=["b.y"], unit="g")
 
 
-def times_in_mat(folder: Path, **stated: object) -> Path:
-    savemat(folder / "a.mat", {"x": X, "time": np.arange(len(X)) / 1000.0, "unit": "g", **stated})
+# ---- vectors of times
+
+TIMES = np.arange(len(X)) / 1000.0
+
+
+def write_mat_with_times(folder: Path, **variables: object) -> Path:
+    savemat(folder / "a.mat", {"x": X, "time": TIMES, "unit": "g", **variables})
     return folder / "a.mat"
 
 
-def times_in_npz(folder: Path, **stated: object) -> Path:
-    np.savez(folder / "a.npz", x=X, time=np.arange(len(X)) / 1000.0, unit="g", **stated)  # type: ignore[arg-type]
+def write_npz_with_times(folder: Path, **variables: object) -> Path:
+    np.savez(folder / "a.npz", x=X, time=TIMES, unit="g", **variables)  # type: ignore[arg-type]
     return folder / "a.npz"
 
 
-@pytest.mark.parametrize("make", [times_in_mat, times_in_npz])
-def test_a_vector_of_times_is_no_channel_and_agrees_with_the_stated_rate(
-    make: Callable[..., Path], tmp_path: Path
-) -> None:
-    for stated in ({}, {"fs": 1000.0}):
-        loaded = load_recording(make(tmp_path, **stated))
-        assert (loaded.channels, loaded.sample_rate) == (("x",), 1000.0)
-    with pytest.raises(
-        DataError, match="two sample rates for x: 2000 Hz, and 1000 Hz by the times in time"
-    ):
-        load_recording(make(tmp_path, fs=2000.0))
+FILES_WITH_TIMES = pytest.mark.parametrize(
+    "write",
+    [
+        pytest.param(write_mat_with_times, id="MATLAB"),
+        pytest.param(write_npz_with_times, id="NPZ"),
+    ],
+)
 
 
-@pytest.mark.parametrize("make", [times_in_mat, times_in_npz])
-def test_a_vector_called_t_that_does_not_rise_stays_a_channel_beside_a_rate(
-    make: Callable[..., Path], tmp_path: Path
+@FILES_WITH_TIMES
+@pytest.mark.parametrize("variables", [{}, {"fs": 1000.0}], ids=["times alone", "times and rate"])
+def test_a_vector_of_times_gives_the_rate_and_is_no_channel(
+    write: Callable[..., Path], variables: dict[str, float], tmp_path: Path
 ) -> None:
-    path = make(tmp_path, fs=1000.0, t=np.sin(np.arange(len(X))))
+    loaded = load_recording(write(tmp_path, **variables))
+
+    assert loaded.channels == ("x",)
+    assert loaded.sample_rate == 1000.0
+
+
+@FILES_WITH_TIMES
+def test_a_vector_of_times_that_contradicts_the_rate_is_refused(
+    write: Callable[..., Path], tmp_path: Path
+) -> None:
+    message = "two sample rates for x: 2000 Hz, and 1000 Hz by the times in time"
+    with pytest.raises(DataError, match=message):
+        load_recording(write(tmp_path, fs=2000.0))
+
+
+# "t" is also the temperature, the torque or the tangential direction.
+@FILES_WITH_TIMES
+def test_a_vector_called_t_that_does_not_rise_is_a_channel(
+    write: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = write(tmp_path, fs=1000.0, t=np.sin(np.arange(len(X))))
+
     assert load_recording(path).channels == ("x", "t")

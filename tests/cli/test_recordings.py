@@ -178,8 +178,8 @@ def test_the_commands_of_the_how_to_on_recordings_run_as_printed(
     for label in ("normal", "piston"):
         (tmp_path / "mine" / label).mkdir(parents=True)
         for number in range(1, 6):
-            samples = "".join(f"{sample:.6f}\n" for sample in random.standard_normal(1024))
-            (tmp_path / "mine" / label / f"15MPa_{number}.csv").write_text("x\n" + samples)
+            (tmp_path / "mine" / label / f"15MPa_{number}.csv").write_text(noise_table(random))
+    (tmp_path / "new.csv").write_text(noise_table(random))
     page = HOW_TO.read_text(encoding="utf-8")
     blocks = re.findall(r"```\n(.*?)```", page, re.DOTALL)
     commands = [line for block in blocks for line in block.splitlines()]
@@ -200,6 +200,12 @@ def test_the_commands_of_the_how_to_on_recordings_run_as_printed(
 
     interfaces = [effect for name, effect in effects.items() if name.startswith("interfaces.")]
     assert max(interfaces) < 0.02
+
+
+def noise_table(random: np.random.Generator) -> str:
+    """Return a CSV file with one column of noise, four turns long at 860 rev/min and 25.6 kHz."""
+    samples = "".join(f"{sample:.6f}\n" for sample in random.standard_normal(8192))
+    return "x\n" + samples
 
 
 def test_index_reports_that_no_file_matches(tmp_path: Path) -> None:

@@ -201,8 +201,9 @@ def load_calibration(path: Path | str) -> Calibration:
             if name in table:
                 table[name] = twin_from_dict(table[name])
         for name in _DERIVED:
-            if table.pop(name, None) is None:
+            if name not in table:
                 raise InputError(f"{name} is missing")
+            from_table(table.pop(name), Agreement, name, complete=True)
         return from_table(table, Calibration, complete=True)
     except (KeyError, TypeError, ValueError, RecursionError) as cause:
         reason = str(cause)[:300].rstrip(".")

@@ -568,6 +568,9 @@ class PriorClassifier:
                     part_arrays.setdefault(part, {})[part_name] = array
                 else:
                     raise InputError(f"the array {name!r} is unknown")
+            for name, field_name in _ARRAY_FIELDS.items():
+                if field_name not in table:
+                    raise InputError(f"the array {name!r} is missing")
             parts = {part: part_arrays.get(part) for part in _PARTS}
             return from_table({**table, **parts}, cls, complete=True)
 

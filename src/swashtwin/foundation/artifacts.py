@@ -227,7 +227,7 @@ def read_artifact(
         raise ArtifactError(
             f"{path} was changed after it was saved (its SHA-256 does not match); {advice}."
         )
-    _require_finite(str(path), arrays, may_be_nan)
+    _require_finite(str(path), arrays, may_be_nan, f"; {advice}.")
     return card, arrays
 
 
@@ -281,14 +281,17 @@ def translate_load_errors(path: Path | str, kind: str, advice: str) -> Iterator[
 
 
 def _require_finite(
-    subject: str, arrays: Mapping[str, np.ndarray], may_be_nan: Sequence[str] | None
+    subject: str,
+    arrays: Mapping[str, np.ndarray],
+    may_be_nan: Sequence[str] | None,
+    ending: str = ".",
 ) -> None:
     if may_be_nan is None:
         return
     for name, array in arrays.items():
         is_checked = array.dtype.kind == "f" and name not in may_be_nan
         if is_checked and not np.isfinite(array).all():
-            raise ArtifactError(f"{subject}: {name} holds NaN or infinity.")
+            raise ArtifactError(f"{subject}: {name} holds NaN or infinity{ending}")
 
 
 def _checksum(kind: str, version: int, card: Any, arrays: Mapping[str, np.ndarray]) -> str:

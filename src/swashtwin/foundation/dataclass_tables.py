@@ -10,8 +10,9 @@ import re
 import reprlib
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
-from types import MappingProxyType
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from functools import cache
+from types import MappingProxyType, NoneType, UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -93,38 +94,49 @@ def from_table(
     Traceback (most recent call last):
     swashtwin.foundation.errors.InputError: card.json: [1]: expected text, got a whole number: 1.
     """
-    try:
-        thing = msgspec.convert(table, form, dec_hook=to_array or _array_from_lists, str_keys=True)
-    except msgspec.ValidationError as cause:
-        misfit = _describe_misfit(str(cause), form, table)
-        message = f"{location}: {misfit}." if location else f"{misfit}."
-        raise InputError(message) from cause
-
-    if complete:
-        difference = _different_entry(table, to_table(thing, of_array=lambda array: None))
-        if difference:
-            raise InputError(f"{location}: {difference}." if location else f"{difference}.")
-    return thing
+    misfit = _different_entry(table, form) if complete else ""
+    if not misfit:
+        try:
+            return msgspec.convert(
+                table, form, dec_hook=to_array or _array_from_lists, str_keys=True
+            )
+        except msgspec.ValidationError as cause:
+            misfit = _describe_misfit(str(cause), form, table)
+            raise InputError(_locate(misfit, location)) from cause
+    raise InputError(_locate(misfit, location))
 
 
-def _different_entry(table: Any, written: Any, path: str = "") -> str:
-    """Describe the first entry that only one of two tables has; empty if they have the same."""
-    if isinstance(table, dict) and isinstance(written, dict):
-        # JSON makes texts of all keys.
-        entries = {str(key): value for key, value in table.items()}
-        written_entries = {str(key): value for key, value in written.items()}
-        prefix = f"{path}." if path else ""
-        for name in sorted(written_entries.keys() - entries.keys()):
+def _locate(misfit: str, location: str) -> str:
+    return f"{location}: {misfit}." if location else f"{misfit}."
+
+
+def _different_entry(table: Any, form: Any, path: str = "") -> str:
+    """Describe the first entry that a table lacks, or that `form` lacks; empty if there is none."""
+    prefix = f"{path}." if path else ""
+    forms = [argument for argument in get_args(form) if argument not in (NoneType, Ellipsis)]
+    parts: list[tuple[Any, Any, str]] = []
+
+    if get_origin(form) in (Union, UnionType):
+        # Which of several types an entry has is not known before it is converted.
+        return _different_entry(table, forms[0], path) if len(forms) == 1 else ""
+    if isinstance(table, dict) and isinstance(form, type) and is_dataclass(form):
+        types = _field_types(form)
+        for name in sorted(types.keys() - table.keys()):
             return f"{prefix}{name} is missing"
-        for name in sorted(entries.keys() - written_entries.keys()):
+        for name in sorted(table.keys() - types.keys()):
             return f"{prefix}{name} is unknown"
-        pairs = [(f"{prefix}{key}", entries[key], written_entries[key]) for key in entries]
-    elif isinstance(table, (list, tuple)) and isinstance(written, (list, tuple)):
-        numbered = enumerate(zip(table, written, strict=True))
-        pairs = [(f"{path}[{index}]", entry, other) for index, (entry, other) in numbered]
-    else:
-        return ""
-    return next(filter(None, (_different_entry(*pair[1:], pair[0]) for pair in pairs)), "")
+        parts = [(table[name], types[name], f"{prefix}{name}") for name in types]
+    elif isinstance(table, dict) and len(forms) == 2:
+        parts = [(entry, forms[1], f"{prefix}{name}") for name, entry in table.items()]
+    elif isinstance(table, (list, tuple)) and len(forms) == 1:
+        parts = [(entry, forms[0], f"{path}[{index}]") for index, entry in enumerate(table)]
+    return next(filter(None, (_different_entry(*part) for part in parts)), "")
+
+
+@cache
+def _field_types(form: Any) -> dict[str, Any]:
+    types = get_type_hints(form)
+    return {field.name: types[field.name] for field in fields(form)}
 
 
 def _array_from_lists(array_type: type, values: Any) -> Any:

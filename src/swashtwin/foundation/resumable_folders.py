@@ -54,8 +54,8 @@ def resume_folder(folder: Path, manifest: str, settings: Mapping[str, Any]) -> N
     difference = first_difference(saved_settings, settings)
     if difference:
         raise InputError(
-            f"{folder} was made with other settings: {difference}. Choose a new folder, or remove "
-            "this one."
+            f"{folder} was made with other settings: {difference} ({manifest}). Choose a new "
+            "folder, or remove this one."
         )
 
 

@@ -184,7 +184,8 @@ def _read_tables(text: str) -> dict[str, Any]:
     tables = tomllib.loads(text)
     if tables.get("format") != FORMAT:
         raise DataError(
-            f"format is {tables.get('format')!r}; this version reads format = {FORMAT}."
+            f"format is {tables.get('format')!r}; this version reads format = {FORMAT}. Read it "
+            "with the swashtwin that wrote it, or copy a pump of this version."
         )
     if "like" not in tables:
         return tables

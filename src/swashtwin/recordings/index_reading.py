@@ -80,7 +80,8 @@ def read_index(index: Path) -> dict[str, Any]:
     if table.get("format") != 1 or isinstance(table["format"], bool):  # True equals 1
         raise DataError(
             f"{index}: format = {table.get('format')!r} cannot be read; this version reads "
-            "format = 1."
+            "format = 1. Read it with the swashtwin that wrote it, or write it again with: "
+            f"swashtwin index {index.parent}"
         )
     if not table.get("recording"):
         raise DataError(f"{index} has no [[recording]] entry.")

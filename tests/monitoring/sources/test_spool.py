@@ -44,8 +44,8 @@ def test_what_a_kill_left_half_written_is_removed_at_the_start_and_a_damaged_car
     assert file is not None
     assert (file.path.read_bytes(), file.delivery.problem) == (
         b"whole",
-        "the card of the file is damaged, or another version of swashtwin wrote it; deliver the "
-        "file again.",
+        "the card of the file is damaged, or another version of swashtwin wrote it (Input data was "
+        "truncated); deliver the file again.",
     )
 
 

@@ -108,8 +108,9 @@ class Database:
 
             present_tables = set(inspect(connection).get_table_names())
             if Version.__tablename__ in present_tables:
+                _require_columns(connection, (Version.__tablename__,))
                 _require_version(session.scalars(select(Version.version)).one())
-                _require_columns(connection)
+                _require_columns(connection, tuple(Row.metadata.tables))
                 return
 
             if not is_new:
@@ -135,20 +136,23 @@ def _require_version(version: int) -> None:
         )
 
 
-def _require_columns(connection: Connection) -> None:
+def _require_columns(connection: Connection, tables: tuple[str, ...]) -> None:
     """Require the tables of this swashtwin: a version number alone does not prove them."""
     inspector = inspect(connection)
     present_tables = set(inspector.get_table_names())
-    for name, table in Row.metadata.tables.items():
+    for name in tables:
         columns = set()
         if name in present_tables:
             columns = {column["name"] for column in inspector.get_columns(name)}
-        missing = [column.name for column in table.columns if column.name not in columns]
+        missing = [
+            column.name
+            for column in Row.metadata.tables[name].columns
+            if column.name not in columns
+        ]
         if missing:
             raise DataError(
-                f"the history has version {SCHEMA_VERSION}, but its table {name} has no column "
-                f"{missing[0]}; another swashtwin created it. Use the swashtwin that created it, "
-                "or a new folder for the watch."
+                f"the table {name} of the history has no column {missing[0]}; another version "
+                "created it. Use the swashtwin that created it, or a new folder for the watch."
             )
 
 

@@ -240,7 +240,8 @@ def _read_entries(path: Path) -> list[Entry]:
         return from_table(json.loads(path.read_text(encoding="utf-8")), list[Entry])
     except ValueError as cause:
         raise DataError(
-            f"{path} is not a file of users; create one with swashtwin watch user."
+            f"{path} is not a file of users of this swashtwin ({str(cause)[:200].rstrip('.')}); "
+            "create one with swashtwin watch user."
         ) from cause
 
 

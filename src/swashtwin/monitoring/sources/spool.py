@@ -29,10 +29,6 @@ MAX_REJECTED_FILES = 1000
 MAX_REJECTED_BYTES = 1 << 30
 """Bytes of rejected files that are kept."""
 _CARD_SUFFIX = ".json"
-_DAMAGED_CARD = (
-    "the card of the file is damaged, or another version of swashtwin wrote it; deliver the file "
-    "again."
-)
 _log = logging.getLogger("swashtwin.watch")
 
 
@@ -133,19 +129,23 @@ class Spool:
         try:
             table = msgspec.json.decode(card.read_bytes())
             delivery = from_table(table, Delivery, complete=True)
-        except (msgspec.DecodeError, InputError, FileNotFoundError):
-            return self._damaged_file(key, card)
+        except (msgspec.DecodeError, InputError, FileNotFoundError) as cause:
+            return self._damaged_file(key, card, cause)
         except OSError as cause:
             _log.warning("%s cannot be read: %s", card, cause.strerror or cause)
             time.sleep(timeout)
             return None
         return SpoolFile(key, self._folder / f"{key}{_data_suffix(delivery)}", delivery)
 
-    def _damaged_file(self, key: str, card: Path) -> SpoolFile:
+    def _damaged_file(self, key: str, card: Path, cause: Exception) -> SpoolFile:
         """Return a recording whose card is damaged, to be rejected."""
         data_paths = [path for path in self._folder.glob(f"{key}.*") if path != card]
         path = next(iter(data_paths), card)
-        delivery = Delivery("spool", path.name, datetime.now(UTC), problem=_DAMAGED_CARD)
+        problem = (
+            "the card of the file is damaged, or another version of swashtwin wrote it "
+            f"({str(cause)[:200].rstrip('.')}); deliver the file again."
+        )
+        delivery = Delivery("spool", path.name, datetime.now(UTC), problem=problem)
         return SpoolFile(key, path, delivery)
 
     def remove(self, file: SpoolFile) -> None:

@@ -66,7 +66,8 @@ def read(path: Path, options: ReadOptions) -> RawFile:
         raise DataError(
             f"{path} is a store of {len(file)} recordings; name a file of one recording."
         )
-    if not format_name.startswith(KIND):
+    has_our_facts = _REQUIRED_FACTS - {"format"} <= {*file, *file.attrs}
+    if not (format_name.startswith(KIND) or has_our_facts):
         return read_vectors(path, file, options)
 
     _require_format(path, file, FORMAT)

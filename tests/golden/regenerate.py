@@ -26,14 +26,14 @@ def regenerate(names: list[str]) -> None:
     from golden_rig import plant_recordings
     from golden_values import VALUES
     from json_page import PAGE, page_text
+    from stored_keys import STORED_KEYS, save_stored_keys
 
     torch.set_num_threads(1)
     answers = {f"answer_{name}": name for name in COMMANDS}
-    unknown = sorted({*names} - {*VALUES, *answers})
+    golden_names = [*VALUES, STORED_KEYS, *answers]
+    unknown = sorted({*names} - {*golden_names})
     if unknown:
-        sys.exit(
-            f"{', '.join(unknown)}: no golden file; there are {', '.join([*VALUES, *answers])}."
-        )
+        sys.exit(f"{', '.join(unknown)}: no golden file; there are {', '.join(golden_names)}.")
     plant = plant_recordings()
     with TemporaryDirectory() as temporary:
         folder = Path(temporary).resolve()
@@ -44,6 +44,9 @@ def regenerate(names: list[str]) -> None:
         for name, value in VALUES.items():
             if not names or name in names:
                 save_golden(name, value(plant, folder / "values"))
+
+        if not names or STORED_KEYS in names:
+            save_stored_keys(folder)
 
         for name, command in answers.items():
             if not names or name in names:

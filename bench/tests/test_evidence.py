@@ -1,6 +1,4 @@
-"""The page of evidence is made of its files, and a study's answer can be added to them."""
-
-import json
+"""The page of evidence is generated from its files, and a study's rows can be added to them."""
 
 import pytest
 
@@ -8,13 +6,15 @@ from swashtwin_bench import evidence
 
 
 def test_the_page_is_up_to_date() -> None:
-    assert evidence.PAGE.read_text(encoding="utf-8") == evidence.build_page(
-        evidence.load_evidence()
-    ), "run python -m swashtwin_bench.evidence page"
+    page = evidence.PAGE.read_text(encoding="utf-8")
+    expected = evidence.build_page(evidence.load_evidence())
+    assert page == expected, "run python -m swashtwin_bench.evidence page"
 
 
 @pytest.mark.parametrize("entry", evidence.load_evidence(), ids=lambda entry: entry.question)
-def test_every_table_is_whole(entry: evidence.Evidence) -> None:
+def test_each_entry_has_its_count_interval_command_and_a_full_table(
+    entry: evidence.Evidence,
+) -> None:
     assert entry.n
     assert entry.interval
     assert entry.command
@@ -22,7 +22,10 @@ def test_every_table_is_whole(entry: evidence.Evidence) -> None:
 
 
 def test_rows_of_a_study_become_a_table() -> None:
-    rows = json.loads(
-        '[{"split": "L2", "accuracy": {"mean": 0.95, "std": 0.01, "values": []}, "matrix": [[1]]}]'
-    )
-    assert evidence.tabulate_rows(rows) == (["split", "accuracy"], [["L2", "0.950 ± 0.010"]])
+    accuracy = {"mean": 0.95, "std": 0.01, "values": []}
+    rows = [{"split": "L2", "accuracy": accuracy, "matrix": [[1]]}]
+
+    # a matrix does not fit in a cell of the page
+    columns, cells = evidence.tabulate_rows(rows)
+    assert columns == ["split", "accuracy"]
+    assert cells == [["L2", "0.950 ± 0.010"]]

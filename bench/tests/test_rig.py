@@ -18,10 +18,10 @@ from swashtwin.pump import (
     SwashPlateDefect,
     load_pump,
 )
-from swashtwin.recordings import inspect_recordings, load_recordings
+from swashtwin.recordings import Recording, inspect_recordings, load_recordings
 from swashtwin.signals import order_spectrum
 from swashtwin_bench import SIZES, build_rig, rig_recordings
-from swashtwin_bench.rigs.fleet import draw_specimen, film_factors
+from swashtwin_bench.rigs.fleet import Housing, draw_specimen, film_factors
 from swashtwin_bench.rigs.measuring import Run, shaft_angle, shell_lines, slipper_loading
 from swashtwin_bench.rigs.writing import DEEP_VERSION, RIG_VERSION, RigSize
 
@@ -37,87 +37,164 @@ GOLDEN_LEVELS = {
 }
 
 
+# ---- frozen and reproducible
+
+
 def truth_of(run: Run) -> str:
-    """What was drawn for one run, to nine digits."""
+    """Return what was drawn for one run, to nine digits."""
     values = [
         run.specimen.mount,
         run.specimen.bearing,
         *run.specimen.values,
         run.condition.discharge_pressure,
     ]
-    fault = "none" if run.fault is None else f"{type(run.fault).__name__} {run.fault.severity:.9g}"
-    return " ".join([f"{value:.9g}" for value in values] + [fault])
+    words = [f"{value:.9g}" for value in values]
+
+    if run.fault is None:
+        words.append("none")
+    else:
+        words.append(f"{type(run.fault).__name__} {run.fault.severity:.9g}")
+    return " ".join(words)
 
 
 def test_the_rig_is_frozen() -> None:
-    """Draws and levels of one pump under seed 0, pinned at rig version 1.
+    """Draws and levels of one pump under seed 0 are those pinned at rig version 1.
 
-    A failure shows what came out; a change on purpose is a new `RIG_VERSION` with re-measured
+    A failure shows the new values; an intended change needs a new `RIG_VERSION` with re-measured
     figures.
     """
     pairs = list(rig_recordings(0, TINY))
-    digest = hashlib.sha256("\n".join(truth_of(run) for _, run in pairs).encode()).hexdigest()
-    levels = {
-        r.recording_id: tuple(float(v) for v in r.signal.std(axis=1).round(4)) for r, _ in pairs
-    }
+    truths = [truth_of(run) for _, run in pairs]
+    digest = hashlib.sha256("\n".join(truths).encode()).hexdigest()
     assert (RIG_VERSION, digest) == ("1", GOLDEN_TRUTH)
+
+    levels = {
+        recording.recording_id: recording.signal.std(axis=1).round(4) for recording, _ in pairs
+    }
     for name, golden in GOLDEN_LEVELS.items():
         np.testing.assert_allclose(levels[name], golden, rtol=1e-3)
 
 
 @pytest.mark.parametrize("version", ["1", "2", "3"])
 def test_the_same_seed_gives_the_same_samples_in_any_batch(version: str) -> None:
-    size, take = RigSize(2, 1, 0.3), {"pressures": (MPa(10),), "version": version}
-    first = {
-        r.recording_id: r.signal
-        for r, _ in rig_recordings(3, size, labels=("normal", "piston"), **take)
-    }
-    again = {
-        r.recording_id: r.signal
-        for r, _ in rig_recordings(3, size, labels=("piston", "normal"), batch=1, **take)
-    }
-    assert first.keys() == again.keys()
+    size = RigSize(specimens=2, repeats=1, duration=0.3)
+
+    def signals(seed: int, *labels: str, batch: int | None = None) -> dict[str, np.ndarray]:
+        batches = {} if batch is None else {"batch": batch}
+        pairs = rig_recordings(
+            seed, size, labels=labels, pressures=(MPa(10),), version=version, **batches
+        )
+        return {recording.recording_id: recording.signal for recording, _ in pairs}
+
+    first = signals(3, "normal", "piston")
+    repeated = signals(3, "piston", "normal", batch=1)
+    assert first.keys() == repeated.keys()
     for name, signal in first.items():
-        np.testing.assert_array_equal(again[name], signal)
+        np.testing.assert_array_equal(repeated[name], signal)
+
+    # two pumps of two classes
     assert len({signal.tobytes() for signal in first.values()}) == 4
-    other = next(iter(rig_recordings(4, size, labels=("normal",), batch=1, **take)))[0]
-    assert np.abs(other.signal - first[other.recording_id]).max() > 0.5
+
+    name, signal = next(iter(signals(4, "normal", batch=1).items()))
+    assert np.abs(signal - first[name]).max() > 0.5
 
 
 def test_pumps_of_a_fleet_differ_and_none_is_the_nominal_one(pump: Pump) -> None:
     fleet = [draw_specimen(pump, name, 0) for name in "ABCDEF"]
     values = np.array([specimen.values for specimen in fleet])
     assert np.all(np.log(values).std(axis=0) > 0.05)
-    assert np.all(np.abs(np.log(values / pump.interfaces.values())).max(axis=1) > 0.3)
+
+    deviations = np.abs(np.log(values / pump.interfaces.values()))
+    assert np.all(deviations.max(axis=1) > 0.3)
     assert len({specimen.mount for specimen in fleet}) == 6
 
 
-def test_a_recording_states_what_was_set_and_not_what_held() -> None:
+# ---- silent about its truth
+
+
+def test_a_recording_states_what_was_set_and_not_the_true_values() -> None:
     recording, run = next(iter(rig_recordings(0, TINY)))
     assert recording.condition is not None
     assert recording.condition.discharge_pressure == 5e6
+
+    # the true pressure scatters by 3 % around the set one
     assert 0 < abs(run.condition.discharge_pressure / 5e6 - 1) <= 0.03
     assert not any("fault" in key or "truth" in key for key in recording.attributes)
+
+
+@pytest.fixture(scope="module")
+def small_size() -> RigSize:
+    return replace(SIZES["tiny"], specimens=1, repeats=1, duration=1.0)
+
+
+@pytest.fixture(scope="module")
+def folder(small_size: RigSize, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder in which a rig lies in `rig`, and its truth next to that."""
+    folder = tmp_path_factory.mktemp("on disk")
+    build_rig(folder / "rig", seed=0, size=small_size)
+    return folder
+
+
+def test_a_rig_on_disk_passes_inspection(folder: Path) -> None:
+    recordings = load_recordings(folder / "rig")
+    # five classes at three pressures
+    assert len(recordings) == 15
+    assert {recording.label for recording in recordings} == set(CLASSES)
+    assert not inspect_recordings(recordings).has_errors
+
+
+def test_a_rig_on_disk_has_the_samples_and_conditions_of_the_rig(
+    folder: Path, small_size: RigSize
+) -> None:
+    by_id = {recording.recording_id: recording for recording, _ in rig_recordings(0, small_size)}
+    for recording in load_recordings(folder / "rig"):
+        original = by_id[recording.recording_id]
+        np.testing.assert_array_equal(recording.signal, original.signal)
+        assert recording.condition == original.condition
+
+
+def test_the_truth_is_written_next_to_the_recordings_and_not_among_them(folder: Path) -> None:
+    truth = json.loads((folder / "rig-truth.json").read_text())
+    names = {recording.recording_id for recording in load_recordings(folder / "rig")}
+    assert set(truth["recordings"]) == names
+    assert not list((folder / "rig").rglob("*truth*"))
+
+
+def test_a_folder_with_files_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("keep me")
+    with pytest.raises(InputError, match="not empty"):
+        build_rig(tmp_path, seed=0)
+
+
+def test_an_unknown_size_is_refused_with_the_known_ones(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="must be one of tiny, short, small, paper"):
+        build_rig(tmp_path / "new", seed=0, size="huge")
+
+
+# ---- what its physics adds to the twin's
 
 
 def test_the_twin_with_the_true_values_still_misses_the_rig(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    """The rig is no twin in disguise: handed every true interface value, the twin's lines are off
-    by over 5 %.
+    """With every true interface value, the lines of the twin are still over 5 % off.
+
+    The rig would otherwise be the twin under another name.
     """
     specimen = draw_specimen(pump, "A", 0)
-    run = Run(specimen, at_15, None)
     orders = np.arange(7, 175, 7)
+
     pressure = force_lines(LoadCase(specimen.pump, at_15, None, specimen.clearances), 180)
-    truth = (
-        shell_lines(run, pressure)
-        * specimen.housing.response(np.arange(1, 181) * at_15.shaft_frequency)
-    )[:, orders - 1]
+    shell = shell_lines(Run(specimen, at_15, None), pressure)
+    response = specimen.housing.response(np.arange(1, 181) * at_15.shaft_frequency)
+    truth = np.abs(shell * response)[:, orders - 1]
+
     values = Interfaces.from_values(specimen.values * film_factors(at_15.discharge_pressure, 1.0))
     twin = Twin(pump, at_15, None, values, bandwidth=2600)
-    lines = twin.acceleration().detach().numpy()[:, np.isin(twin.orders, orders)]
-    error = np.linalg.norm(np.abs(lines) - np.abs(truth)) / np.linalg.norm(truth)
+    acceleration = twin.acceleration().detach().numpy()
+    lines = np.abs(acceleration[:, np.isin(twin.orders, orders)])
+
+    error = np.linalg.norm(lines - truth) / np.linalg.norm(truth)
     assert 0.05 < error < 0.6
 
 
@@ -127,16 +204,22 @@ def test_a_healthy_pump_of_the_rig_has_once_per_revolution_content(
     specimen = draw_specimen(pump, "B", 1)
     scattered = force_lines(LoadCase(specimen.pump, at_15, None, specimen.clearances), 10)
     equal = force_lines(LoadCase(specimen.pump, at_15), 10)
+
+    # at order 2, in one degree of freedom: seven equal pistons leave only multiples of 7
     assert abs(equal[2, 12]) < 1e-4
     assert abs(scattered[2, 12]) > 1000 * abs(equal[2, 12])
 
 
 def test_slippers_load_at_odd_multiples_of_the_piston_count() -> None:
-    lines = np.abs(slipper_loading(7, 0.3, [6, 7, 14, 21]))
-    assert lines[1] == pytest.approx(4 / np.pi * (1 - 0.3) / (7 * (1 + 0.3)), rel=1e-3)
-    assert lines[0] < 1e-3
-    assert lines[2] < 1e-3 * 5
-    assert lines[3] == pytest.approx(lines[1] / 3, rel=1e-2)
+    unloaded = 0.3
+    at_6, at_7, at_14, at_21 = np.abs(slipper_loading(7, unloaded, [6, 7, 14, 21]))
+
+    # the count of loaded slippers alternates between 3 and 4: a square wave of order 7
+    expected = 4 / np.pi * (1 - unloaded) / (7 * (1 + unloaded))
+    assert at_7 == pytest.approx(expected, rel=1e-3)
+    assert at_21 == pytest.approx(at_7 / 3, rel=1e-2)
+    assert at_6 < 1e-3
+    assert at_14 < 1e-3 * 5
 
 
 def test_the_speed_wanders_by_no_more_than_half_a_percent(at_15: OperatingCondition) -> None:
@@ -146,82 +229,93 @@ def test_the_speed_wanders_by_no_more_than_half_a_percent(at_15: OperatingCondit
     assert np.ptp(speed) > 5e-4
 
 
-def test_a_rig_on_disk_reads_back_and_passes_inspection(tmp_path: Path) -> None:
-    tiny = replace(SIZES["tiny"], specimens=1, repeats=1, duration=1.0)
-    index = build_rig(tmp_path / "rig", seed=0, size=tiny)
-    recordings = load_recordings(index)
-    assert len(recordings) == 15
-    assert {r.label for r in recordings} == set(CLASSES)
-    report = inspect_recordings(recordings)
-    assert not report.has_errors
-    by_id = {r.recording_id: r for r, _ in rig_recordings(0, tiny)}
-    for recording in recordings:
-        np.testing.assert_array_equal(recording.signal, by_id[recording.recording_id].signal)
-        assert recording.condition == by_id[recording.recording_id].condition
-    truth = json.loads((tmp_path / "rig-truth.json").read_text())
-    assert set(truth["recordings"]) == set(by_id)
-    assert not list((tmp_path / "rig").rglob("*truth*"))
-
-
-def test_a_folder_with_files_and_an_unknown_size_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "mine.txt").write_text("keep me")
-    with pytest.raises(InputError, match="not empty"):
-        build_rig(tmp_path, seed=0)
-    with pytest.raises(InputError, match="must be one of tiny, short, small, paper"):
-        build_rig(tmp_path / "new", seed=0, size="huge")
-
-
 def test_piston_pass_lines_stand_out_of_the_noise() -> None:
     recording, run = next(iter(rig_recordings(0, RigSize(1, 1, 2.0))))
-    lines = order_spectrum(recording.signal, recording.sample_rate, 860 / 60, np.array([14, 28]))
-    assert np.all(lines.amplitude[:2].max(axis=1) > 5 * lines.deviation[:2].max(axis=1))
     assert run.fault is None
 
+    # two and four times the seven pistons, in the first two sensors, at the set 860 rev/min
+    orders = np.array([14, 28])
+    lines = order_spectrum(recording.signal, recording.sample_rate, 860 / 60, orders)
+    assert np.all(lines.amplitude[:2].max(axis=1) > 5 * lines.deviation[:2].max(axis=1))
 
-# ---- thirteen sensors, and the deep recess
+
+# ---- thirteen sensors
 
 
-def test_thirteen_accelerometers_sit_where_the_pump_file_says() -> None:
-    pairs = list(rig_recordings(3, LONGER, labels=("normal",), sensors=13))
-    usual = list(rig_recordings(3, LONGER, labels=("normal",)))
+def mean_cross_talk(housing: Housing) -> float:
+    """Return the root of the mean power that a sensor receives from the axes of all others."""
+    talk = housing.gain - np.diag(np.diag(housing.gain))
+    return float(np.sqrt((talk**2).sum(axis=1).mean()))
+
+
+@pytest.fixture(scope="module")
+def of_thirteen_sensors() -> list[tuple[Recording, Run]]:
+    return list(rig_recordings(3, LONGER, labels=("normal",), sensors=13))
+
+
+@pytest.fixture(scope="module")
+def of_three_sensors() -> list[tuple[Recording, Run]]:
+    return list(rig_recordings(3, LONGER, labels=("normal",)))
+
+
+def test_thirteen_accelerometers_are_those_of_the_pump_file(
+    of_thirteen_sensors: list[tuple[Recording, Run]],
+) -> None:
     pump = load_pump("25scy14-1b-13")
-    for (recording, run), (_, usual_run) in zip(pairs, usual, strict=True):
+    for recording, _ in of_thirteen_sensors:
         assert recording.channels == pump.channels
         assert recording.n_channels == 13
-        assert (run.condition, run.specimen.mount) == (
-            usual_run.condition,
-            usual_run.specimen.mount,
-        )
+
+        # no sensor is dead, and no two are the same
         levels = recording.signal.std(axis=1)
         assert (levels > 0.05).all()
         assert np.unique(levels.round(3)).size == 13
-    talk = pairs[0][1].specimen.housing.gain - np.diag(np.diag(pairs[0][1].specimen.housing.gain))
-    few = usual[0][1].specimen.housing.gain - np.diag(np.diag(usual[0][1].specimen.housing.gain))
-    assert np.sqrt((talk**2).sum(axis=1).mean()) < 2 * np.sqrt((few**2).sum(axis=1).mean())
+
+
+def test_more_sensors_measure_the_same_runs(
+    of_thirteen_sensors: list[tuple[Recording, Run]],
+    of_three_sensors: list[tuple[Recording, Run]],
+) -> None:
+    for (_, run), (_, usual_run) in zip(of_thirteen_sensors, of_three_sensors, strict=True):
+        assert run.condition == usual_run.condition
+        assert run.specimen.mount == usual_run.specimen.mount
+
+
+def test_cross_talk_does_not_grow_with_the_number_of_sensors(
+    of_thirteen_sensors: list[tuple[Recording, Run]],
+    of_three_sensors: list[tuple[Recording, Run]],
+) -> None:
+    thirteen = mean_cross_talk(of_thirteen_sensors[0][1].specimen.housing)
+    three = mean_cross_talk(of_three_sensors[0][1].specimen.housing)
+    assert thirteen < 2 * three
 
 
 @pytest.mark.parametrize(("version", "sensors"), [("2", 13), ("1", 5)])
-def test_a_number_of_sensors_that_a_version_has_not_is_refused(version: str, sensors: int) -> None:
-    with pytest.raises(
-        InputError, match=rf"Version {version} of the rig cannot record {sensors} sensors"
-    ):
+def test_a_number_of_sensors_that_a_version_does_not_have_is_refused(
+    version: str, sensors: int
+) -> None:
+    message = rf"Version {version} of the rig cannot record {sensors} sensors"
+    with pytest.raises(InputError, match=message):
         next(iter(rig_recordings(0, LONGER, version=version, sensors=sensors)))
+
+
+# ---- the deep recess
 
 
 def test_the_papers_recess_is_the_only_difference_of_the_deep_version() -> None:
     labels = ("normal", "swash_plate")
-    deep = {
-        r.recording_id: (r, run)
-        for r, run in rig_recordings(3, LONGER, labels=labels, version=DEEP_VERSION)
-    }
-    for usual, run in rig_recordings(3, LONGER, labels=labels):
-        recording, deep_run = deep[usual.recording_id]
-        if usual.label == "normal":
-            np.testing.assert_array_equal(recording.signal, usual.signal)
+    pairs = rig_recordings(3, LONGER, labels=labels, version=DEEP_VERSION)
+    deep_pairs = {recording.recording_id: (recording, run) for recording, run in pairs}
+
+    for shallow, shallow_run in rig_recordings(3, LONGER, labels=labels):
+        deep, deep_run = deep_pairs[shallow.recording_id]
+        if shallow.label == "normal":
+            np.testing.assert_array_equal(deep.signal, shallow.signal)
             continue
+
         fault = deep_run.fault
         assert isinstance(fault, SwashPlateDefect)
-        assert isinstance(run.fault, SwashPlateDefect)
+        assert isinstance(shallow_run.fault, SwashPlateDefect)
         assert (fault.depth, fault.length, fault.width) == pytest.approx((0.6e-3, 30e-3, 24e-3))
-        assert (fault.angle, fault.contact) == (run.fault.angle, "shared")
-        assert recording.signal.std() > 1.5 * usual.signal.std()
+        assert (fault.angle, fault.contact) == (shallow_run.fault.angle, "shared")
+        assert deep.signal.std() > 1.5 * shallow.signal.std()

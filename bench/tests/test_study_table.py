@@ -1,4 +1,6 @@
-"""A study in the form of a table tells each row's spread over its trials, in JSON and on a page."""
+"""A study in the form of a table has the spread of each row over its trials, in JSON and on a
+page.
+"""
 
 import csv
 import json
@@ -15,13 +17,13 @@ from swashtwin_bench.results.table import Trial, describe_origin, paired_interva
 
 @pytest.fixture
 def study() -> StudyTable:
-    trials = [
-        Trial(
-            {"twin": twin, "test": "held out"}, seed, {"rmse": base + 0.1 * seed, "sve": math.nan}
-        )
-        for twin, base in (("nominal", 0.7), ("calibrated", 0.4))
-        for seed in (0, 1)
-    ]
+    """A nominal and a calibrated twin under two seeds, of which SVE is not defined."""
+    trials = []
+    for twin, rmse in (("nominal", 0.7), ("calibrated", 0.4)):
+        for seed in (0, 1):
+            values = {"rmse": rmse + 0.1 * seed, "sve": math.nan}
+            trials.append(Trial({"twin": twin, "test": "held out"}, seed, values))
+
     return StudyTable(
         study="calibration",
         title="Nearer to the machine?",
@@ -46,7 +48,8 @@ def test_a_row_holds_mean_deviation_and_values_of_its_trials(study):
     assert calibrated["rmse"]["values"] == pytest.approx([0.4, 0.5])
 
 
-def test_a_metric_without_a_number_is_none_in_json(study):
+def test_an_undefined_metric_is_null_in_json(study):
+    # JSON has no NaN, and many readers refuse it
     table = json.loads(json.dumps(study.to_dict(), allow_nan=False))
     assert table["rows"][0]["sve"] == {"mean": None, "std": None, "values": [None, None]}
     assert table["seeds"] == [0, 1]
@@ -55,37 +58,40 @@ def test_a_metric_without_a_number_is_none_in_json(study):
 
 def test_the_page_shows_the_answer_and_every_trial(study, tmp_path):
     page = write_study_report(study, folder=tmp_path).read_text(encoding="utf-8")
+    # a term of the answer may be a button that explains it
     assert "The calibrated twin is nearer." in re.sub(r"</?button[^>]*>", "", page)
     assert "stand-in for a machine" in page
     assert "0.750 ± 0.0707" in page
     assert "swashtwin bench calibration" in page
-    rows = list(
-        csv.DictReader(
-            (tmp_path / "figures" / "study_rows.csv").read_text(encoding="utf-8").splitlines()
-        )
-    )
+
+    table = (tmp_path / "figures" / "study_rows.csv").read_text(encoding="utf-8")
+    rows = list(csv.DictReader(table.splitlines()))
+    # four trials of two metrics
     assert len(rows) == 8
     assert {row["metric"] for row in rows} == {"rmse", "sve"}
 
 
 def test_recordings_of_the_rig_are_called_a_stand_in():
-    recording = Recording(
-        np.zeros((1, 8)), 10.0, "one", attributes={"origin": "swashtwin virtual rig, version 1"}
-    )
-    assert "stand-in for a machine" in describe_origin([recording])
-    assert (
-        describe_origin([Recording(np.zeros((1, 8)), 10.0, "two")])
-        == "Recordings from files of the user."
-    )
+    origin = {"origin": "swashtwin virtual rig, version 1"}
+    of_rig = Recording(np.zeros((1, 8)), 10.0, "one", attributes=origin)
+    assert "stand-in for a machine" in describe_origin([of_rig])
+
+    of_user = Recording(np.zeros((1, 8)), 10.0, "two")
+    assert describe_origin([of_user]) == "Recordings from files of the user."
 
 
 def test_the_corrected_interval_is_wider_than_students():
-    points = [0.02, 0.03, 0.01, 0.04]
-    plain, corrected = paired_interval(points), paired_interval(points, test_share=0.5)
-    assert corrected[0] < plain[0] < 0.025 < plain[1] < corrected[1]
-    assert (corrected[1] - corrected[0]) / (plain[1] - plain[0]) == pytest.approx(
-        math.sqrt(0.75 / 0.25)
-    )
+    differences = [0.02, 0.03, 0.01, 0.04]
+    low, high = paired_interval(differences)
+    corrected_low, corrected_high = paired_interval(differences, test_share=0.5)
+    assert corrected_low < low < 0.025 < high < corrected_high
+
+    # the variance of the mean of four, 1/4, grows by the ratio of test to training recordings
+    ratio = (corrected_high - corrected_low) / (high - low)
+    assert ratio == pytest.approx(math.sqrt(0.75 / 0.25))
+
+
+def test_a_single_difference_has_no_interval():
     assert math.isnan(paired_interval([0.1])[0])
 
 

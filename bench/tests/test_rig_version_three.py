@@ -189,7 +189,7 @@ def effects_of(pump: Pump, fault: Damage | None) -> Effects:
     steps = 2100
     angle = 2 * np.pi * np.arange(9 * steps) / steps
     rate = steps * run.condition.shaft_frequency
-    # the last of nine revolutions, in which the contacts have settled
+    # contacts are stepped in time: the last of nine revolutions is free of their start
     forces = contact_paths(run, specimen, oil, angle, rate)[:, -steps:]
     sounds = draw_sounds(run, specimen, oil, angle, rate, np.random.default_rng(0))
 

@@ -1,4 +1,7 @@
-"""The ways that the benchmark times compute the same; their times are not looked at here."""
+"""Competing implementations that the benchmark times compute the same values.
+
+Their times are not tested.
+"""
 
 import ast
 import importlib
@@ -6,8 +9,10 @@ import importlib.util
 import sys
 import textwrap
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,32 +23,47 @@ STEPS = 60
 
 @pytest.fixture(scope="module", autouse=True)
 def benchmarks() -> Iterator[None]:
-    """The benchmarks' own modules, importable as when a script there is run."""
+    """Make the modules of the benchmarks importable, as when a script there is run."""
     sys.path.insert(0, str(FOLDER))
     yield
     sys.path.remove(str(FOLDER))
 
 
-def module(name: str) -> ModuleType:
+def import_peer(name: str) -> ModuleType:
     return importlib.import_module(f"peers.{name}")
 
 
-def gradient_of(name: str, of_class: str) -> tuple[float, np.ndarray, np.ndarray]:
-    contender_class = getattr(module(name), of_class)
-    contender = contender_class(module("problem").Problem(STEPS, per_step=contender_class.per_step))
-    values = contender.problem.nominal
-    loss, slopes = contender.gradient(values)
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What one implementation computes at the nominal values."""
+
+    loss: float
+    slopes: np.ndarray
+    """Derivatives of the loss by the logarithm of each value."""
+    velocities: np.ndarray
+
+
+def solve(module: str, class_name: str) -> Solution:
+    contender_class = getattr(import_peer(module), class_name)
+    problem = import_peer("problem").Problem(STEPS, per_step=contender_class.per_step)
+    contender = contender_class(problem)
+    values = problem.nominal
+
+    loss, gradient = contender.gradient(values)
     assert contender.value(values) == pytest.approx(loss, rel=1e-12)
-    return loss, slopes * values, contender.velocities(values)
+    return Solution(loss, gradient * values, contender.velocities(values))
 
 
 @pytest.fixture(scope="module")
-def eager(benchmarks: None) -> tuple[float, np.ndarray, np.ndarray]:
-    return gradient_of("eager", "Eager")
+def eager(benchmarks: None) -> Solution:
+    return solve("eager", "Eager")
+
+
+# ---- agreement
 
 
 @pytest.mark.parametrize(
-    ("name", "of_class", "package"),
+    ("module", "class_name", "package"),
     [
         ("numba_adjoint", "Numba", "numba"),
         ("jax_side", "JaxScan", "jax"),
@@ -51,49 +71,60 @@ def eager(benchmarks: None) -> tuple[float, np.ndarray, np.ndarray]:
     ],
 )
 def test_every_installed_peer_gives_the_numbers_of_the_eager_loop(
-    name: str, of_class: str, package: str, eager: tuple[float, np.ndarray, np.ndarray]
+    module: str, class_name: str, package: str, eager: Solution
 ) -> None:
     if importlib.util.find_spec(package) is None:
         pytest.skip(f"{package} is not installed")
-    loss, slopes, velocities = gradient_of(name, of_class)
-    assert loss == pytest.approx(eager[0], rel=1e-10)
-    np.testing.assert_allclose(slopes, eager[1], rtol=0, atol=1e-9 * np.abs(eager[1]).max())
-    np.testing.assert_allclose(velocities, eager[2], rtol=0, atol=1e-10 * np.abs(eager[2]).max())
+
+    peer = solve(module, class_name)
+    assert peer.loss == pytest.approx(eager.loss, rel=1e-10)
+
+    # relative to the largest, because a small slope is a difference of large terms
+    max_slope = np.abs(eager.slopes).max()
+    np.testing.assert_allclose(peer.slopes, eager.slopes, rtol=0, atol=1e-9 * max_slope)
+    max_velocity = np.abs(eager.velocities).max()
+    np.testing.assert_allclose(peer.velocities, eager.velocities, rtol=0, atol=1e-10 * max_velocity)
 
 
-def test_the_steady_motion_continues_as_the_eager_loop_steps_it(
-    eager: tuple[float, np.ndarray, np.ndarray],
-) -> None:
-    """It starts there; what remains is the Runge-Kutta method's own error at the edge of its
-    stability.
+def test_the_steady_motion_continues_as_the_eager_loop_steps_it(eager: Solution) -> None:
+    """The loop starts at the steady motion.
+
+    The remaining difference is the error of the Runge-Kutta method at the edge of its stability.
     """
-    steady = module("ours").Steady(module("problem").Problem(STEPS))
+    steady = import_peer("ours").Steady(import_peer("problem").Problem(STEPS))
     exact = steady.velocities(steady.problem.nominal)
-    np.testing.assert_allclose(eager[2], exact, rtol=0, atol=1e-5 * np.abs(exact).max())
+    tolerance = 1e-5 * np.abs(exact).max()
+    np.testing.assert_allclose(eager.velocities, exact, rtol=0, atol=tolerance)
 
 
-def test_the_loss_of_the_eager_loop_has_the_slopes_that_differences_give() -> None:
-    contender_class = module("eager").Eager
-    contender = contender_class(module("problem").Problem(STEPS))
+@pytest.mark.parametrize("index", [0, 2, 4])
+def test_the_loss_of_the_eager_loop_has_the_slopes_that_differences_give(
+    index: int, eager: Solution
+) -> None:
+    contender = import_peer("eager").Eager(import_peer("problem").Problem(STEPS))
     values = contender.problem.nominal
-    slopes = contender.gradient(values)[1] * values
-    for i in (0, 2, 4):
-        ahead, behind = (
-            contender.value(values * (1 + sign * 1e-5 * np.eye(6)[i])) for sign in (1, -1)
-        )
-        assert (ahead - behind) / 2e-5 == pytest.approx(slopes[i], rel=1e-5)
+    change = 1e-5 * np.eye(6)[index]
+
+    ahead = contender.value(values * (1 + change))
+    behind = contender.value(values * (1 - change))
+    assert (ahead - behind) / 2e-5 == pytest.approx(eager.slopes[index], rel=1e-5)
 
 
 def test_steady_state_and_its_runge_kutta_agree_in_loss_and_slopes() -> None:
-    exact, stepped = (module("ours").__dict__[name] for name in ("Steady", "SteadyRungeKutta"))
-    problem = module("problem").Problem()
+    ours: Any = import_peer("ours")
+    problem = import_peer("problem").Problem()
     values = problem.nominal
-    loss, slopes = exact(problem).gradient(values)
-    other, others = stepped(problem).gradient(values)
-    assert other == pytest.approx(loss, rel=1e-6)
-    np.testing.assert_allclose(
-        others * values, slopes * values, rtol=0, atol=1e-5 * np.abs(slopes * values).max()
-    )
+
+    exact_loss, exact_gradient = ours.Steady(problem).gradient(values)
+    stepped_loss, stepped_gradient = ours.SteadyRungeKutta(problem).gradient(values)
+    assert stepped_loss == pytest.approx(exact_loss, rel=1e-6)
+
+    slopes = exact_gradient * values
+    tolerance = 1e-5 * np.abs(slopes).max()
+    np.testing.assert_allclose(stepped_gradient * values, slopes, rtol=0, atol=tolerance)
+
+
+# ---- imports
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.rglob("*.py")), ids=lambda path: path.stem)
@@ -107,17 +138,24 @@ def test_every_name_that_a_benchmark_imports_from_swashtwin_exists(path: Path) -
 
 
 def swashtwin_imports(text: str) -> Iterator[tuple[str, str | None]]:
+    """Yield module and name of each import from swashtwin; the name is `None` for a module."""
     try:
-        nodes = list(ast.walk(ast.parse(textwrap.dedent(text))))
-    except SyntaxError:  # a string that is no code
+        tree = ast.parse(textwrap.dedent(text))
+    except SyntaxError:
+        # a string that is not code
         return
-    for node in nodes:
+
+    for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith("swashtwin"):
-            yield from ((str(node.module), alias.name) for alias in node.names)
+            for alias in node.names:
+                yield str(node.module), alias.name
+
         elif isinstance(node, ast.Import):
-            yield from (
-                (alias.name, None) for alias in node.names if alias.name.startswith("swashtwin")
-            )
+            for alias in node.names:
+                if alias.name.startswith("swashtwin"):
+                    yield alias.name, None
+
+        # a string may be code
         elif (
             isinstance(node, ast.Constant)
             and isinstance(node.value, str)

@@ -102,7 +102,9 @@ def _gzipped(folder: Path) -> Path:
 
 def _header_lines(folder: Path) -> Path:
     rows = zip(recording().time, *recording().signal, strict=True)
-    lines = "".join("\t".join(f"{value:.10f}" for value in row) + "\n" for row in rows)
+    lines = ""
+    for row in rows:
+        lines += "\t".join(f"{value:.10f}" for value in row) + "\n"
     text = (
         "%\n% Convert TDMS to ASCII\n% File created on 10-4-2026\n%\n\n"
         "Time     \tch 0     \tch 1     \n" + lines
@@ -501,10 +503,9 @@ def _text_lie(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | Non
     columns, truth = _timed(case(rng, same_length=True))
     separator = str(rng.choice([",", ";", "\t"]))
     rows = [separator.join(columns)]
-    rows += [
-        separator.join(repr(float(value)) for value in row)
-        for row in zip(*columns.values(), strict=True)
-    ]
+    for row in zip(*columns.values(), strict=True):
+        # repr is exact: what is read must be what was written
+        rows.append(separator.join(repr(float(value)) for value in row))
     (folder / "lie.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     return folder / "lie.csv", truth
 

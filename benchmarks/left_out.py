@@ -66,11 +66,10 @@ def fleet_row(fleet: int, version: str) -> dict[str, object]:
                     hits.setdefault(f"{level}_named", []).append(
                         any(word in text for text in joined.reasons)
                     )
-    counts = {
-        f"n_{level}_{what}": len(hits[f"{level}_{what}_joined"])
-        for level in tests
-        for what in ("caught", "false")
-    }
+    counts = {}
+    for level in tests:
+        for what in ("caught", "false"):
+            counts[f"n_{level}_{what}"] = len(hits[f"{level}_{what}_joined"])
     return {
         "fleet": fleet,
         "version": version,

@@ -47,9 +47,8 @@ def fleet_row(fleet: int, version: str, pumps: int) -> dict[str, object]:
     recordings: list[Recording] = [
         pair[0] for pair in rig_recordings(fleet, SIZES["small"], version=version)
     ]
-    specimen, label = (
-        np.array([getattr(item, name) for item in recordings]) for name in ("specimen", "label")
-    )
+    specimen = np.array([recording.specimen for recording in recordings])
+    label = np.array([recording.label for recording in recordings])
     names = np.roll(np.unique(specimen), -2 * fleet)
     trains = np.isin(specimen, names[:pumps])
     begun = time.process_time()

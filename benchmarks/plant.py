@@ -11,6 +11,7 @@ setuptools, and `bytecode_mb` of what Python compiled in them.
 """
 
 import argparse
+import itertools
 import json
 import os
 import resource
@@ -205,7 +206,7 @@ def main() -> None:
     if options.json:
         print(json.dumps(facts, indent=1))
         return
-    for what in dict.fromkeys(what for row in rows.values() for what in row):
+    for what in dict.fromkeys(itertools.chain(*rows.values())):
         tag, now = (row.get(what, 0.0) for row in rows.values())
         print(f"{what:28}{tag:12.4g}{now:12.4g}" + (f"{now / tag:10.2f}" if tag else ""))
 

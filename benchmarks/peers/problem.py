@@ -80,7 +80,7 @@ def equations() -> Equations:
     for factors in 1 + np.concatenate([np.zeros((1, 6)), np.eye(6)]):
         twin.acceleration(torch.as_tensor(nominal * factors), solver=probe)
         parts.append(probe.parts)
-    damping, stiffness, force = (np.stack([part[i] for part in parts]) for i in range(3))
+    damping, stiffness, force = map(np.stack, zip(*parts, strict=True))
     for array in (damping, stiffness, force):
         array[1:] -= array[0]
         array[0] -= array[1:].sum(axis=0)

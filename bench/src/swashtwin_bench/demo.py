@@ -172,7 +172,7 @@ def _select_validation(recordings: Sequence[Recording], run: Run, plan: Plan) ->
 
     Recordings of the missing cell are excluded: by the question, nobody has one.
     """
-    ids_with_role = {name for ids in run["roles"].values() for name in ids}
+    ids_with_role = set().union(*run["roles"].values())
     training_ids = set(run["roles"]["train"])
     training_pumps = {r.specimen for r in recordings if r.recording_id in training_ids}
 

@@ -147,7 +147,11 @@ def tabulate_rows(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]
         for name, value in rows[0].items()
         if not isinstance(value, dict | list) or "mean" in value
     ]
-    return columns, [[_format_cell(row[name]) for name in columns] for row in rows]
+    cells = []
+    for row in rows:
+        cells.append([_format_cell(row[name]) for name in columns])
+
+    return columns, cells
 
 
 def _format_cell(value: Any) -> str:

@@ -418,9 +418,8 @@ def _certainty(size: str, results: Mapping[str, StudyTable]) -> tuple[str, ...]:
 
     # The algorithms are repeated on one fleet, so their seeds are not fleets.
     repeated = f"{PAPER_STUDY}algorithms"
-    seeds = sorted(
-        {seed for name, study in results.items() if name != repeated for seed in study.seeds}
-    )
+    fleet_studies = [study for name, study in results.items() if name != repeated]
+    seeds = sorted(set().union(*(study.seeds for study in fleet_studies)))
     if seeds:
         intervals = "Differences have no interval."
         if len(seeds) > 1:

@@ -79,6 +79,7 @@ class _Case:
     def task(self) -> Task:
         """Run of this case, which a folder of earlier runs may hold."""
         model = {name: str(value) for name, value in self.estimator(()).get_params().items()}
+        # The candidates decide the result, and are no parameters of the classifier.
         if self.classifier == BEST_CANDIDATE:
             model |= Model(BEST_CANDIDATE).describe()
 
@@ -116,6 +117,7 @@ class _Case:
 
         try:
             classifier = self.estimator(train).fit(train)
+            # Some sets hold the same samples under two names, which would leak into the test.
             unseen, _ = unseen_recordings(classifier.fitted_.manifest, test)
             by_window = classifier.evaluate(unseen).macro_recall
             predicted = classifier.predict(unseen)
@@ -181,7 +183,8 @@ def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
         )
         runs = work.map(name, _Case.run, [(case, work.out) for case in cases])
         rows += zip(cases, runs, strict=True)
-        leaky += [trial_at_random(split, seed) for split in splits for seed in work.seeds]
+        for split in splits:
+            leaky += [trial_at_random(split, seed) for seed in work.seeds]
 
     trials = _trials(rows)
     refusals = set()
@@ -268,6 +271,7 @@ def _drop_constant_channels(recordings: Sequence[Recording]) -> list[Recording]:
 
     No training accepts a constant channel.
     """
+    # All recordings need the same channels, so one constant signal excludes its channel.
     varies = np.all([np.ptp(recording.signal, axis=1) > 0 for recording in recordings], axis=0)
     channels = np.array(recordings[0].channels)[varies].tolist()
 

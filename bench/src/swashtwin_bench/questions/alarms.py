@@ -73,12 +73,11 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
     settings : courses and rule.
     """
     pumps = [chr(ord("A") + number) for number in range(settings.pumps)]
-    courses = [(HEALTHY, seed, pump, settings, work.out) for seed in work.seeds for pump in pumps]
-    courses += [
-        (kind, seed, "A", settings, work.out)
-        for kind in typical_faults(settings.rig)
-        for seed in work.seeds
-    ]
+    courses = []
+    for seed in work.seeds:
+        courses += [(HEALTHY, seed, pump, settings, work.out) for pump in pumps]
+    for kind in typical_faults(settings.rig):
+        courses += [(kind, seed, "A", settings, work.out) for seed in work.seeds]
     runs = work.map("courses", _run, courses)
 
     trials = []

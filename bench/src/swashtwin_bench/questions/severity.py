@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import scipy.stats
@@ -90,7 +90,7 @@ def severity(work: Work, settings: SeverityStudySettings) -> StudyTable:
     ----------
     work : its seeds are fleets of the rig; one pump of each.
     """
-    pumps = [(seed, name, settings.severities) for seed in work.seeds for name in PUMPS]
+    pumps = [(seed, name, settings.severities) for seed, name in product(work.seeds, PUMPS)]
     cases: list[_Case] = []
     for pump_cases in work.map("pumps", _estimate_pump, pumps):
         cases += pump_cases

@@ -5,7 +5,7 @@ machine has healthy recordings from its first days as a reference, which never t
 measured faults also teach: a few of each together with the prior, or all of them alone (an oracle).
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -328,34 +328,56 @@ def prior_trials(
     pistons = pistons or {}
     classes = shipped.classes[:-1]
     by_id = {recording.recording_id: recording for recording in recordings}
-    healthy = [by_id[name] for name in sorted(split.healthy)]
+    healthy = _order_by_id(by_id, split.healthy)
     faulty: dict[str, list[Recording]] = {label: [] for label in classes[1:]}
-    for name in sorted(split.faulty):
-        faulty[str(by_id[name].label)].append(by_id[name])
+    for recording in _order_by_id(by_id, split.faulty):
+        faulty[str(recording.label)].append(recording)
 
     # The prior, priors that lack a class, and the prior with a few measured faults.
     by_specimen = _adapt(shipped, healthy, pistons)
     classifiers = {PRIOR: by_specimen}
     for label in classes[1:]:
         classifiers[left_out(label)] = _adapt(_without(shipped, label), healthy, pistons)
-    rng = random_stream(seed, "few-shot")
-    draws: list[list[Recording]] = []
-    for candidates in faulty.values():
-        if candidates:
-            order = rng.permutation(len(candidates))
-            draws.append([candidates[index] for index in order])
-    for count in SHOTS:
-        if draws and all(len(drawn) >= count for drawn in draws):
-            shots: list[Recording] = []
-            for drawn in draws:
-                shots += drawn[:count]
-            classifiers[few_shot(count)] = _adapt(shipped, [*healthy, *shots], pistons)
+    for count, shots in _draw_shots(faulty, seed).items():
+        classifiers[few_shot(count)] = _adapt(shipped, [*healthy, *shots], pistons)
 
-    tests = {test: [by_id[name] for name in sorted(ids)] for test, ids in split.tests.items()}
+    tests = {test: _order_by_id(by_id, ids) for test, ids in split.tests.items()}
     for training_set, adapted in classifiers.items():
         yield from _scored(training_set, adapted, tests, seed)
 
     yield from _oracle_trials(by_specimen, faulty, tests, classes, seed)
+
+
+def _order_by_id(by_id: Mapping[str, Recording], ids: Collection[str]) -> list[Recording]:
+    """Return recordings in the order of their ids: sets have none that is reproducible."""
+    return [by_id[name] for name in sorted(ids)]
+
+
+def _draw_shots(faulty: Mapping[str, Sequence[Recording]], seed: int) -> dict[int, list[Recording]]:
+    """Return by number in `SHOTS` as many recordings of each measured fault.
+
+    Numbers that a fault does not have are left out. A larger number has the recordings of a smaller
+    one too.
+    """
+    rng = random_stream(seed, "few-shot")
+    shuffled_by_fault: list[list[Recording]] = []
+    for candidates in faulty.values():
+        if candidates:
+            order = rng.permutation(len(candidates))
+            shuffled_by_fault.append([candidates[index] for index in order])
+
+    if not shuffled_by_fault:
+        return {}
+
+    shots: dict[int, list[Recording]] = {}
+    for count in SHOTS:
+        if min(map(len, shuffled_by_fault)) < count:
+            continue
+        shots[count] = []
+        for shuffled in shuffled_by_fault:
+            shots[count] += shuffled[:count]
+
+    return shots
 
 
 def _oracle_trials(

@@ -2,10 +2,11 @@
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 from sklearn.manifold import TSNE
@@ -23,7 +24,7 @@ from swashtwin.plot import (
 )
 from swashtwin.report import Drawing, draw_confusion, render_drawing, tabulate
 from swashtwin_bench.results.naming import format_factor
-from swashtwin_bench.results.result import TEST_FACTORS, StudyResult, name_run
+from swashtwin_bench.results.result import StudyResult, factors_of_test, name_run
 from swashtwin_bench.results.runs import Run
 from swashtwin_bench.results.table import StudyTable
 
@@ -63,28 +64,18 @@ def draw_rows(study: StudyTable, key: str) -> Drawing:
     metrics = {name: study.metrics[name] for name in DRAWN_METRICS if name in study.metrics}
     metrics = metrics or dict(study.metrics)
 
-    varied = [
-        name for name in study.factors if len({trial.factors[name] for trial in study.trials}) > 1
-    ]
+    # Stable: within a split, rows keep the order of the study.
     rows = sorted(study.rows(), key=lambda row: str(row.get("split", "")))[:MAX_ROWS]
-    labels = [
-        ", ".join(format_factor(name, row[name]) for name in varied or study.factors[:1])
-        for row in rows
-    ]
+    labels = _label_rows(study, rows)
 
     n_columns = min(2, len(metrics))
     n_lines = math.ceil(len(metrics) / n_columns)
     height = n_lines * (1.1 + 0.24 * len(rows))
     figure, axes = create_panels(n_lines, n_columns, height, sharey=True)
     for ax, (metric, heading) in zip(axes.flat, metrics.items(), strict=False):
-        for position, row in enumerate(rows):
-            values = [value for value in row[metric]["values"] if value is not None]
-            if not values:
-                continue
-            ax.barh(position, np.mean(values), height=0.62, color=CALIBRATED, alpha=0.35)
-            positions = [position] * len(values)
-            ax.plot(values, positions, "o", color=MEASURED, markersize=3, alpha=0.5)
+        _draw_bars(ax, [row[metric]["values"] for row in rows])
         ax.set(title=heading, yticks=range(len(rows)), yticklabels=labels)
+        # The first row stands at the top, as in the table.
         ax.set_ylim(len(rows) - 0.5, -0.5)
 
     for unused_ax in axes.flat[len(metrics) :]:
@@ -100,6 +91,34 @@ def draw_rows(study: StudyTable, key: str) -> Drawing:
     return render_drawing(
         f"{key}_rows", figure, tabulate(table), title=study.title, caption=caption
     )
+
+
+def _label_rows(study: StudyTable, rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the label of each row: the factors that vary in the study, or the first one."""
+    varied = []
+    for name in study.factors:
+        values = {trial.factors[name] for trial in study.trials}
+        if len(values) > 1:
+            varied.append(name)
+    names = varied or study.factors[:1]
+
+    labels = []
+    for row in rows:
+        parts = [format_factor(name, row[name]) for name in names]
+        labels.append(", ".join(parts))
+
+    return labels
+
+
+def _draw_bars(ax: Axes, values_by_row: Sequence[Sequence[float | None]]) -> None:
+    """Draw the mean of each row as a bar, and its values as points."""
+    for position, row_values in enumerate(values_by_row):
+        values = [value for value in row_values if value is not None]
+        if not values:
+            continue
+        ax.barh(position, np.mean(values), height=0.62, color=CALIBRATED, alpha=0.35)
+        positions = [position] * len(values)
+        ax.plot(values, positions, "o", color=MEASURED, markersize=3, alpha=0.5)
 
 
 def draw_curves(study: StudyResult, key: str) -> list[Drawing]:
@@ -141,26 +160,14 @@ def _draw_curves_of(
     for line, metric in zip(axes, DRAWN_METRICS, strict=True):
         for panel, split in zip(line, splits, strict=True):
             for (classifier, training_set), look in zip(series, looks, strict=True):
-                spreads = [
-                    (values.index(row[factor]), row[metric]["mean"], row[metric]["std"] or 0.0)
+                curve_rows = [
+                    row
                     for row in rows
                     if row["classifier"] == classifier
                     and row["training_set"] == training_set
                     and row["split"] == split
-                    and row[metric]["mean"] is not None
                 ]
-                if not spreads:
-                    continue
-                positions, means, deviations = np.array(spreads).T
-                panel.errorbar(
-                    positions,
-                    means,
-                    yerr=deviations,
-                    markersize=4,
-                    linewidth=1.3,
-                    elinewidth=0.8,
-                    **look,
-                )
+                _draw_curve(panel, curve_rows, metric, factor, values, look)
             panel.set(title=split, xticks=range(len(values)), xticklabels=values, ylim=(0, 1.03))
         line[0].set_ylabel(f"{study.metrics[metric]} [1]")
 
@@ -183,6 +190,30 @@ def _draw_curves_of(
     caption = f"Mean over {plural(len(study.seeds), 'seed')}; bars: one standard deviation."
     return render_drawing(
         name, figure, tabulate(table), title=f"Scores by {format_label(factor)}", caption=caption
+    )
+
+
+def _draw_curve(
+    panel: Axes,
+    rows: Sequence[Mapping[str, Any]],
+    metric: str,
+    factor: str,
+    factor_values: Sequence[str],
+    look: Mapping[str, Any],
+) -> None:
+    """Draw mean and deviation of a metric over the positions of a factor's values."""
+    points = []
+    for row in rows:
+        spread = row[metric]
+        if spread["mean"] is not None:
+            position = factor_values.index(row[factor])
+            points.append((position, spread["mean"], spread["std"] or 0.0))
+    if not points:
+        return
+
+    positions, means, deviations = np.array(points).T
+    panel.errorbar(
+        positions, means, yerr=deviations, markersize=4, linewidth=1.3, elinewidth=0.8, **look
     )
 
 
@@ -252,6 +283,7 @@ def draw_training(study: StudyResult, key: str) -> Drawing:
     for run in runs:
         epochs = run["history"]
         numbers = np.array([epoch["number"] for epoch in epochs])
+        # Without a measured time, NaN leaves the panels on the right empty.
         seconds = numbers * run["values"].get("epoch_cpu_s", math.nan)
         for line, quantity in zip(axes, ("loss", "accuracy"), strict=True):
             values = [epoch[quantity] for epoch in epochs]
@@ -303,7 +335,7 @@ def draw_confusions(study: StudyResult, key: str) -> Drawing:
 
     matrices: dict[tuple[str, str], np.ndarray] = {}
     for run, row in sorted(study.tests(), key=lambda test: test[1]["split"]):
-        run_factors = {**run["factors"], **{n: row[n] for n in TEST_FACTORS if n in row}}
+        run_factors = {**run["factors"], **factors_of_test(row)}
         title = titles.get(tuple(run_factors[name] for name in factors))
         if title is not None:
             cell = (row["split"], title)
@@ -318,11 +350,21 @@ def draw_confusions(study: StudyResult, key: str) -> Drawing:
 
 def _label_differences(factors: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Return the label of each row: the factors that differ between rows, or the second one."""
-    varied = [i for i in range(len(factors)) if len({row[i] for row in rows}) > 1]
+    varied = []
+    for index in range(len(factors)):
+        values = {row[index] for row in rows}
+        if len(values) > 1:
+            varied.append(index)
     if not varied:
+        # The training set, which follows the classifier.
         varied = [min(1, len(factors) - 1)]
 
-    return [", ".join(format_factor(factors[i], row[i]) for i in varied) for row in rows]
+    labels = []
+    for row in rows:
+        parts = [format_factor(factors[index], row[index]) for index in varied]
+        labels.append(", ".join(parts))
+
+    return labels
 
 
 def select_embedded_runs(study: StudyResult) -> list[Run]:
@@ -353,7 +395,7 @@ def draw_embedding(study: StudyResult, key: str) -> Drawing:
     )
     classes = list(study.classes)
     colors = series_colors(classes)
-    splits = sorted({split for run in runs for split in run["features"]["split"]})
+    splits = sorted(set().union(*(run["features"]["split"] for run in runs)))
 
     n_lines = math.ceil(len(runs) / _PANELS_PER_ROW)
     height = 3.9 if n_lines == 1 else 0.9 + 2.6 * n_lines
@@ -370,29 +412,16 @@ def draw_embedding(study: StudyResult, key: str) -> Drawing:
         labels = features["label"][selected]
         point_splits = features["split"][selected]
 
-        for name in classes:
-            for split in splits:
-                is_shown = (labels == name) & (point_splits == split)
-                ax.plot(
-                    *points[is_shown].T,
-                    _SPLIT_MARKERS.get(split, "o"),
-                    color=colors[name],
-                    markersize=4,
-                    alpha=0.75,
-                    markeredgewidth=0.3,
-                )
+        _draw_points(ax, points, labels, point_splits, colors)
         ax.set(title=textwrap.fill(title, 28), xticks=[], yticks=[])
 
         for (x, y), label, split in zip(points, labels, point_splits, strict=True):
             rows.append({**run["factors"], "split": split, "label": label, "x": x, "y": y})
 
-    class_marks = [Line2D([], [], marker="o", linestyle="", color=colors[name]) for name in classes]
-    split_marks = [
-        Line2D([], [], marker=_SPLIT_MARKERS.get(split, "o"), linestyle="", color=_SPLIT_COLOR)
-        for split in splits
-    ]
+    marks = [_legend_mark("o", colors[name]) for name in classes]
+    marks += [_legend_mark(_SPLIT_MARKERS.get(split, "o"), _SPLIT_COLOR) for split in splits]
     legend = [format_label(name) for name in classes] + splits
-    figure.legend(class_marks + split_marks, legend, loc="outside lower center", ncols=len(legend))
+    figure.legend(marks, legend, loc="outside lower center", ncols=len(legend))
     caption = (
         f"Features of the network's last layer for the test windows under seed {study.seeds[0]}, "
         "laid out in two dimensions by t-SNE (fixed seed). Neighborhoods are meaningful; axes, "
@@ -405,6 +434,31 @@ def draw_embedding(study: StudyResult, key: str) -> Drawing:
         title="Features of the test windows (t-SNE)",
         caption=caption,
     )
+
+
+def _draw_points(
+    ax: Axes,
+    points: np.ndarray,
+    labels: np.ndarray,
+    splits: np.ndarray,
+    colors: Mapping[str, str],
+) -> None:
+    """Draw the points of each class in its color, with the marker of their split."""
+    for name, color in colors.items():
+        for split in np.unique(splits):
+            is_shown = (labels == name) & (splits == split)
+            ax.plot(
+                *points[is_shown].T,
+                _SPLIT_MARKERS.get(split, "o"),
+                color=color,
+                markersize=4,
+                alpha=0.75,
+                markeredgewidth=0.3,
+            )
+
+
+def _legend_mark(marker: str, color: str) -> Line2D:
+    return Line2D([], [], marker=marker, linestyle="", color=color)
 
 
 def _spread_evenly(count: int, max_count: int) -> np.ndarray:

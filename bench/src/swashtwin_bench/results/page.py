@@ -157,6 +157,7 @@ def _build_score_blocks(study: StudyResult, notes: Bullets) -> list[Any]:
             "of 0.98 and 0.9029 at 0.9240 are below 0.9791 and 0.9088, the minimum of the "
             "geometric mean of five recalls on its 5 × 50 test windows."
         )
+    # A study without a reference value compares nothing.
     if study.differences():
         blocks.append(build_differences_table(study))
 
@@ -252,6 +253,7 @@ def build_differences_table(study: StudyResult) -> Table:
             )
         )
 
+    # Fleets of the rig differ in their fingerprints; splits of the same recordings do not.
     has_fleets = len({run["data"] for run in study.runs}) > 1
     if has_fleets:
         method = "Student's t over fleets"

@@ -77,20 +77,22 @@ def build_trials(runs: Sequence[Run]) -> tuple[Trial, ...]:
     values_by_trial: dict[tuple[tuple[tuple[str, str], ...], int], list[dict[str, float]]] = {}
     for run in runs:
         for row in run["rows"]:
-            factors = {**run["factors"], **_test_of(row)}
+            factors = {**run["factors"], **factors_of_test(row)}
             scores = {name: value for name, value in row.items() if isinstance(value, float)}
             values = {**scores, **run["values"], "wall_s": run["wall_s"]}
             values_by_trial.setdefault((tuple(factors.items()), run["seed"]), []).append(values)
 
     trials = []
     for (key, seed), draws in values_by_trial.items():
-        means = {name: float(np.mean([draw[name] for draw in draws])) for name in draws[0]}
+        means: dict[str, float] = {}
+        for name in draws[0]:
+            means[name] = float(np.mean([draw[name] for draw in draws]))
         trials.append(Trial(dict(key), seed, means))
 
     return tuple(trials)
 
 
-def _test_of(row: Mapping[str, Any]) -> dict[str, str]:
+def factors_of_test(row: Mapping[str, Any]) -> dict[str, str]:
     """Return the factors of a row that identify its test."""
     return {name: row[name] for name in TEST_FACTORS if name in row}
 
@@ -202,12 +204,14 @@ class StudyResult(StudyTable):
 
     def tests(self, **factors: str) -> list[tuple[Run, dict[str, Any]]]:
         """Return (run, row of its file) of each test with these factors."""
-        return [
-            (run, row)
-            for run in self.runs
-            for row in run["rows"]
-            if factors.items() <= {**run["factors"], **_test_of(row)}.items()
-        ]
+        tests = []
+        for run in self.runs:
+            for row in run["rows"]:
+                row_factors = {**run["factors"], **factors_of_test(row)}
+                if factors.items() <= row_factors.items():
+                    tests.append((run, row))
+
+        return tests
 
     def difference(
         self, first: Row, second: Row, factor: str, metric: str = "accuracy"
@@ -218,6 +222,7 @@ class StudyResult(StudyTable):
 
         differences = []
         for seed, value in first_values.items():
+            # A seed in which either value is undefined makes no pair.
             if seed in second_values and math.isfinite(value - second_values[seed]):
                 differences.append(value - second_values[seed])
 
@@ -242,10 +247,9 @@ class StudyResult(StudyTable):
         All other factors of the two rows are equal, except that a row without synthetic windows is
         compared with every variant.
         """
-        rows = [
-            dict(key)
-            for key in dict.fromkeys(tuple(trial.factors.items()) for trial in self.trials)
-        ]
+        # Each row has a trial for every seed.
+        keys = dict.fromkeys(tuple(trial.factors.items()) for trial in self.trials)
+        rows = [dict(key) for key in keys]
 
         differences = []
         for factor, reference_value in self.reference_values.items():
@@ -283,6 +287,7 @@ class StudyResult(StudyTable):
             complete = [row for row in test_rows if len(row["accuracy"]["values"]) == max_seeds]
             scope = "" if len(complete) == len(test_rows) else f" (rows of {max_seeds} seeds)"
 
+            # A row without a defined accuracy cannot be the best.
             best = max(complete, key=lambda row: row["accuracy"]["mean"] or 0.0)
             labels = [
                 format_factor(name, best[name]) for name in self.factors if name not in TEST_FACTORS
@@ -293,6 +298,7 @@ class StudyResult(StudyTable):
             )
 
             pairs = [pair for pair in differences if _test_key(pair.first) == test]
+            # The smallest differences from the reference are those of the best classifiers.
             if all(pair.factor == "classifier" for pair in pairs):
                 pairs.sort(key=lambda pair: pair.mean)
             texts.append(" ".join([text, *(pair.sentence for pair in pairs[:MAX_DIFFERENCES])]))

@@ -68,6 +68,7 @@ class Task:
             dict(self.settings),
             self.data,
         ]
+        # The order of settings must not change the key.
         text = json.dumps(contents, sort_keys=True, default=str)
         digest = hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -119,6 +120,7 @@ def load_run(folder: Path) -> dict[str, Any]:
         run: dict[str, Any] = json.loads(read_text(path))
         file_format = run["format"]
         key = run["key"]
+    # TypeError: the file holds JSON that is not an object.
     except (OSError, ValueError, KeyError, TypeError) as cause:
         raise ArtifactError(
             f"{path} is damaged ({type(cause).__name__}). Delete its folder to run the task again."
@@ -176,6 +178,7 @@ class Work:
     """Command line that repeats the study."""
 
     def __post_init__(self) -> None:
+        # A repeated seed would count as a further trial.
         object.__setattr__(self, "seeds", tuple(dict.fromkeys(self.seeds)))
         if not self.seeds:
             raise InputError("A study needs at least one seed.")
@@ -192,6 +195,7 @@ class Work:
         calls = (delayed(_run_on_one_thread)(function, *arguments) for arguments in cases)
 
         results = []
+        # A generator, so that progress is reported while later cases still run.
         for result in parallel(self.jobs, return_as="generator")(calls):
             results.append(result)
             self.progress(activity, len(results), len(cases))

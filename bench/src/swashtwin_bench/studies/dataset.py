@@ -200,6 +200,7 @@ def prepare_dataset(
     lenders = [_select_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
 
     measured = cut_evenly(
+        # The order of a set of texts differs from process to process.
         [by_id[name] for name in sorted(split.train)],
         length=scenario.length,
         count=scenario.windows,
@@ -219,6 +220,7 @@ def prepare_dataset(
         measured, tests[RANDOM_WINDOWS] = deal_windows(measured, tests[RANDOM_WINDOWS], seed)
 
     test_recordings = {}
+    # They are sent to the processes, so those without a window of the test are left out.
     if noisy_tests:
         for name, windows in tests.items():
             used_ids = sorted(set(windows.recording_id.tolist()))
@@ -266,6 +268,7 @@ def deal_windows(measured: WindowSet, test: WindowSet, seed: int) -> tuple[Windo
     )
 
     rng = random_stream(seed, "random windows")
+    # In a fixed order, because all cells draw from one stream.
     for label, pressure in sorted(tested_cells):
         cell = np.flatnonzero((labels == label) & (pressures == pressure))
         n_training = np.count_nonzero(is_training[cell])
@@ -279,6 +282,7 @@ def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSe
     """Cut test windows: equally many of each class, evenly over the recordings of the class."""
     windows = cut_evenly(recordings, length=scenario.length, count=scenario.windows, like=like)
     counts = {name: int((windows.label == name).sum()) for name in like.classes}
+    # A class that was not recorded for the test is no part of it.
     counts = {name: count for name, count in counts.items() if count}
 
     smallest_class = min(counts, key=lambda name: counts[name])
@@ -352,6 +356,7 @@ def _select_lenders(
     recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario
 ) -> list[str]:
     """Return the first recordings of a scarce cell that together have enough windows."""
+    # Windows of a scarce cell do not overlap, so the samples limit their number.
     n_samples = {recording.recording_id: recording.signal.shape[1] for recording in recordings}
 
     lenders: list[str] = []
@@ -393,6 +398,7 @@ def _build_calibration_task(
         if any(known[i].label == label for i in group):
             conditions.append(all_conditions[group[-1]])
 
+    # Reports tell the calibrations of a study apart by the name of the pump.
     pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
     if scenario.calibrated_on == "law":
         law = scenario.faults[RECESS][0]

@@ -205,6 +205,7 @@ class Plan:
             name: training_set.describe(self.scenario.faults)
             for name, training_set in self.training_sets.items()
         }
+        # Described once: to describe a network, it is built.
         models = {name: model.describe() for name, model in self.models.items()}
         tests = {"perturbations": list(map(str, self.perturbations)), "draws": self.draws}
 
@@ -221,9 +222,11 @@ class Plan:
                 "scenario": scenarios[variant],
                 "training_set": training_sets[training_set],
                 "model": models[model],
+                # Trees always run on the CPU, so their key does not depend on the device.
                 "device": device if self.models[model].is_network else "cpu",
                 "tests": tests,
             }
+            # The data are then those of another seed, which the key has to hold.
             if self.split_seed is not None:
                 settings["split_seed"] = self.split_seed
 
@@ -368,6 +371,7 @@ def _test_all(
 ) -> Iterator[dict[str, Any]]:
     """Yield the row of each test: split, perturbation and draw."""
     for split, clean_test in dataset.tests.items():
+        # A test with recordings of the manifest is refused, and this split has them by design.
         tested = _Unlisted(classifier) if split == RANDOM_WINDOWS else classifier
 
         for perturbation in (None, *plan.perturbations):
@@ -403,6 +407,8 @@ def _embed_tests(classifier: FittedClassifier, dataset: StudyDataset) -> dict[st
     """
     features = [classifier.embed(test) for test in dataset.tests.values()]
     matrix = np.concatenate(features).astype(float)
+    # There are no more components than windows or features. The full solver draws no random
+    # numbers.
     n_components = min(N_EMBEDDED, *matrix.shape)
     components = PCA(n_components, svd_solver="full").fit_transform(matrix)
 

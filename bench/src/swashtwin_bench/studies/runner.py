@@ -67,6 +67,7 @@ def run_plan(
         plan = replace(plan, split_seed=seeds[0])
         seeds = range(plan.repeats)
 
+    # The number of tasks depends on neither the seed nor the data.
     tasks_per_seed = len(plan.tasks(0, ""))
     if not tasks_per_seed:
         raise InputError(
@@ -75,6 +76,7 @@ def run_plan(
         )
 
     runs: list[Run] = []
+    # Recordings that are the same under every seed are hashed once.
     data = "" if callable(source) else fingerprint_recordings(source)
     for seed in seeds:
         if callable(source):
@@ -173,6 +175,7 @@ def _prepare_trainings(
         variant_tasks = [task for task in tasks if task.factors.get(plan.varied, "") == variant]
         scenario = plan.scenario_of(variant)
 
+        # A calibration takes long, and training sets without calibrated twins do without.
         searches = []
         if any(plan.needs_twins(task) for task in variant_tasks):
             searches = calibration_tasks(recordings, scenario, data_seed)
@@ -244,6 +247,7 @@ def build_study(
         if name in value_names:
             metrics[name] = heading
 
+    # Runs may come from several calls, each with its command and device.
     commands = dict.fromkeys(run["command"] for run in ordered if run["command"])
     study = StudyResult(
         study=plan.study,
@@ -289,20 +293,20 @@ def _collect_settings(runs: Sequence[Run]) -> dict[str, Any]:
         variant = name_run(run, "classifier", "training_set")
         scenarios[variant] = run["settings"]["scenario"]
 
-    names = {name for scenario in scenarios.values() for name in scenario}
-    varied = {
-        name
-        for name in names
-        if len({repr(scenario.get(name)) for scenario in scenarios.values()}) > 1
-    }
+    varied = []
+    for name in sorted(set().union(*scenarios.values())):
+        # Compared as text, because lists and dicts have no hash.
+        values = {repr(scenario.get(name)) for scenario in scenarios.values()}
+        if len(values) > 1:
+            varied.append(name)
 
     first = runs[0]["settings"]
     settings = {name: value for name, value in first["scenario"].items() if name not in varied}
     if varied:
-        settings["variants"] = {
-            variant: {name: scenario[name] for name in sorted(varied) if name in scenario}
-            for variant, scenario in scenarios.items()
-        }
+        variants: dict[str, Any] = {}
+        for variant, scenario in scenarios.items():
+            variants[variant] = {name: scenario[name] for name in varied if name in scenario}
+        settings["variants"] = variants
     settings["tests"] = first["tests"]
     settings["training_sets"] = {
         run["factors"]["training_set"]: run["settings"]["training_set"] for run in runs

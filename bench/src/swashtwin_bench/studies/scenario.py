@@ -131,9 +131,8 @@ class Scenario:
 
     def describe(self) -> dict[str, Any]:
         """Return the scenario as JSON can hold it."""
-        faults = {
-            name: [_describe_fault(fault) for fault in self.faults[name]] for name in self.scarce
-        }
+        faults = {name: list(map(_describe_fault, self.faults[name])) for name in self.scarce}
+        # A changed parameter set may keep its name.
         pump_sha256 = hashlib.sha256(repr(self.pump).encode()).hexdigest()
 
         return {
@@ -213,6 +212,7 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
         is_tested = scenario.is_at_pressure(cell[0])
 
         if cell[0].specimen in held_out_specimens:
+            # The only recording of a tested cell is tested, and no reference.
             is_spare = len(ids) > 1 or not is_tested
             n_references = 1 if cell[0].label == "normal" and is_spare else 0
             references.update(ids[:n_references])
@@ -246,6 +246,7 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
 def _draw_held_out(
     recordings: Sequence[Recording], scenario: Scenario, rng: np.random.Generator
 ) -> set[str]:
+    # Sorted, so that the draw does not depend on the order of the recordings.
     specimens = sorted({str(recording.specimen) for recording in recordings})
     min_specimens = scenario.held_out + 1
     if len(specimens) < min_specimens:
@@ -263,6 +264,7 @@ def _count_training(cell: Sequence[Recording], scenario: Scenario) -> int:
     if len(cell) > 1:
         return len(cell) - max(1, len(cell) // 3)
 
+    # At other pressures nothing is tested, and the only recording trains.
     if scenario.is_at_pressure(cell[0]):
         raise DataError(
             f"The study needs two recordings of {cell[0].label} at {scenario.pressure / 1e6:g} MPa "
@@ -275,5 +277,9 @@ def _count_training(cell: Sequence[Recording], scenario: Scenario) -> int:
 def _alternate(lists: Sequence[Sequence[str]], rng: np.random.Generator) -> tuple[str, ...]:
     """Return the recordings of the specimens in turns: all first ones, then all second ones."""
     shuffled = [lists[i] for i in rng.permutation(len(lists))]
-    turns = zip_longest(*shuffled)
-    return tuple(name for turn in turns for name in turn if name is not None)
+    names: list[str] = []
+    for turn in zip_longest(*shuffled):
+        # Specimens with fewer recordings miss the last turns.
+        names += [name for name in turn if name is not None]
+
+    return tuple(names)

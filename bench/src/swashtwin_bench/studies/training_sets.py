@@ -73,9 +73,8 @@ class TrainingSet:
         table = {**asdict(self), "filler": filler}
         del table["default_prior"]  # the variation in "filler" shows it
         if self.every_class:
-            table["faults"] = {
-                name: [repr(fault) for fault in faults[name]] for name in sorted(faults)
-            }
+            # Otherwise only the scarce classes are simulated, and the scenario has their faults.
+            table["faults"] = {name: list(map(repr, faults[name])) for name in sorted(faults)}
         return table
 
 
@@ -135,6 +134,7 @@ def synthetic_auroc(dataset: StudyDataset, synthetic: WindowSet) -> float:
     measured = test.subset(np.isin(test.label, scarce))
     synthetic = synthetic.subset(np.isin(synthetic.label, scarce))
 
+    # Windows of one recording would be recognized by that recording (`discriminative_score`).
     if len(set(measured.recording_id.tolist())) < 2 or len(synthetic) < 2:
         return math.nan
     return discriminative_score(measured, synthetic, seed=dataset.seed)

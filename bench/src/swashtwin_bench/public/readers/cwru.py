@@ -120,6 +120,7 @@ def read_cwru(folder: Path | str) -> list[Recording]:
     paths: dict[int, Path] = {}
     for path in files_below(folder, ".mat"):
         numbers = {int(text) for text in _NUMBER.findall(path.stem)} & records.keys()
+        # A name with the numbers of two records does not tell which one it holds.
         if len(numbers) == 1:
             paths.setdefault(numbers.pop(), path)
 

@@ -371,3 +371,28 @@ def test_an_input_that_is_not_a_recording_is_refused_in_a_sentence(
             match=r"is not a recording|recordings are expected|than recordings",
         ):
             method(invalid)
+
+
+def test_masked_samples_are_refused_in_fit_and_predict(classifier):
+    # scikit-learn's check drops the mask: what lies below it would be learned from.
+    samples = np.ma.masked_array(np.ones((4, 1, 64)), mask=False)
+    unmasked = FaultClassifier("band_powers", sample_rate=1000.0).fit(samples, ["a", "b"] * 2)
+    samples[0, 0, 3:5] = np.ma.masked
+
+    with pytest.raises(InputError, match="X has 2 masked samples; leave out the windows"):
+        FaultClassifier("band_powers").fit(samples, ["a", "b"] * 2)
+    with pytest.raises(InputError, match="X has 2 masked samples"):
+        unmasked.predict(samples)
+
+
+@pytest.mark.parametrize(
+    ("windows", "shapes"),
+    [
+        ([[1.0, 2.0, 3.0], [4.0, 5.0]], r"\(2,\) and \(3,\)"),
+        ([[[1.0, 2.0], [3.0]], [[1.0, 2.0], [3.0, 4.0]]], r"\(2, 1\) and \(2, 2\)"),
+    ],
+    ids=["windows", "channels of a window"],
+)
+def test_lists_of_different_lengths_are_refused_with_their_shapes(windows, shapes):
+    with pytest.raises(InputError, match=f"windows of different shapes, such as {shapes}"):
+        FaultClassifier("band_powers").fit(windows, ["a", "b"])

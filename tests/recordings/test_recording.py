@@ -262,3 +262,9 @@ def assert_refusal_names_conditions(
     if label is not None:
         assert repr(label) in message
         assert all((existing_label or "none") in message for existing_label, _ in facts)
+
+
+@pytest.mark.wrong_types
+def test_channels_of_different_lengths_are_refused_in_words() -> None:
+    with pytest.raises(DataError, match="a: the channels of signal differ in length"):
+        Recording([[1.0, 2.0], [3.0]], 10.0, "a", channels=("x", "y"))  # type: ignore[arg-type]

@@ -30,6 +30,7 @@ from swashtwin.diagnosis.training_windows import (
     list_synthetic_sets,
     measured_classes,
     require_array_arguments,
+    require_plain_array,
     unify_class_names,
     windows_of_array,
 )
@@ -450,6 +451,7 @@ class FaultClassifier(Estimator):
         from sklearn.utils.multiclass import check_classification_targets
         from sklearn.utils.validation import validate_data
 
+        require_plain_array(X)
         X, y = validate_data(
             self, X, y, dtype=[np.float32, np.float64], allow_nd=True, ensure_min_samples=2
         )
@@ -460,6 +462,7 @@ class FaultClassifier(Estimator):
     def _unlabeled_windows(self, X: Any) -> WindowSet:
         from sklearn.utils.validation import validate_data
 
+        require_plain_array(X)
         X = validate_data(self, X, dtype=[np.float32, np.float64], allow_nd=True, reset=False)
         return self._array_windows(X, np.full(len(X), -1), None)
 

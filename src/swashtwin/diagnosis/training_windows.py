@@ -199,6 +199,44 @@ def cut_training_windows(
     )
 
 
+def require_plain_array(X: Any) -> None:
+    """Refuse what scikit-learn's check of arrays takes for something else, or describes poorly.
+
+    Raises
+    ------
+    InputError
+        Samples are masked, or the windows differ in length.
+    """
+    if np.ma.isMaskedArray(X):
+        # The check would drop the mask, and the samples below it would be learned from.
+        n_masked = int(np.ma.getmaskarray(X).sum())
+        if n_masked:
+            raise InputError(
+                f"X has {n_masked} masked samples; leave out the windows that hold them, or fill "
+                "them with X.filled()."
+            )
+    if not isinstance(X, (list, tuple)):
+        return
+
+    shapes = _shapes_of(X)
+    if len(shapes) > 1:
+        listed = " and ".join(str(shape) for shape in sorted(shapes)[:2])
+        raise InputError(
+            f"X holds windows of different shapes, such as {listed}; cut all of them to one length."
+        )
+
+
+def _shapes_of(windows: Sequence[Any]) -> set[tuple[int, ...]]:
+    """Return the shapes of windows; that of a ragged one is its number of channels and samples."""
+    shapes: set[tuple[int, ...]] = set()
+    for window in windows:
+        try:
+            shapes.add(np.shape(window))
+        except ValueError:
+            shapes.update((len(window), *shape) for shape in _shapes_of(window))
+    return shapes
+
+
 def windows_of_array(
     X: np.ndarray, target: np.ndarray, classes: tuple[str, ...], groups: Any, sample_rate: float
 ) -> WindowSet:

@@ -339,7 +339,13 @@ def _copy_signal(signal: np.ndarray, recording_id: str) -> np.ndarray:
 
     A copy, because a caller may change its array afterwards.
     """
-    values = np.asarray(signal)
+    try:
+        values = np.asarray(signal)
+    except ValueError as cause:
+        raise DataError(
+            f"{recording_id}: the channels of signal differ in length; a recording is one array "
+            "(channel, time)."
+        ) from cause
     if values.dtype.kind not in "fiub":
         raise DataError(
             f"{recording_id}: signal holds {values.dtype} values; a recording holds real numbers."

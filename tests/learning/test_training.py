@@ -25,7 +25,11 @@ from swashtwin.learning import (
 )
 from swashtwin.learning.networks.registry import BUILT_IN
 from swashtwin.learning.training import loop, steps
-from swashtwin.learning.training.settings import transform_windows, with_gains, with_speed_changes
+from swashtwin.learning.training.training_settings import (
+    transform_windows,
+    with_gains,
+    with_speed_changes,
+)
 from swashtwin.recordings import Recording
 
 CLASSES = ("normal", "piston")

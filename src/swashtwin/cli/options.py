@@ -334,7 +334,7 @@ def fault_from(text: str) -> "Fault | None":
     return fault
 
 
-def band_from(text: str, option: str = "--band") -> tuple[float, float]:
+def band_from(text: str) -> tuple[float, float]:
     """Return the edges [Hz] of a frequency band such as ``10-1000 Hz``.
 
     Raises
@@ -346,7 +346,7 @@ def band_from(text: str, option: str = "--band") -> tuple[float, float]:
 
     band = Band.parse(text)
     if band.in_orders:
-        raise typer.BadParameter("must be a band in Hz, such as 2-5 kHz.", param_hint=option)
+        raise typer.BadParameter("must be a band in Hz, such as 2-5 kHz.", param_hint="--band")
     return band.low, band.high
 
 

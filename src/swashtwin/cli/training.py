@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 _MODEL_MARKS = artifact_marks("classifier", "anomaly detector")
 DEFAULT_TEST_FRACTION = 0.2
 """Share of the recordings that is held out for ``evaluate``, the usual split of 80 to 20."""
-DEFAULT_ERROR_RATE = 0.1
-"""Error rate of prediction sets if the recordings allow it."""
 
 
 def train(
@@ -241,10 +239,7 @@ def _train_detector(
     with progress("measuring band powers") as bar:
         detector.fit(recordings, progress=bar)
     detector.save(out)
-    _print_detector(detector, out, as_json)
 
-
-def _print_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> None:
     healthy = detector.fitted_
     n_band_powers = len(detector.layout.band_powers)
     result = {
@@ -345,7 +340,7 @@ def _print_confidence(confidence: "Confidence | None", fitted: "FittedClassifier
 
 def confidence_advice(fitted: "FittedClassifier") -> str:
     """Return what a training needs to calibrate its confidence."""
-    from swashtwin.learning import allowed_error_rate, validation_share
+    from swashtwin.learning import DEFAULT_ERROR_RATE, allowed_error_rate, validation_share
 
     if fitted.choice is not None:
         reason = fitted.choice.reason or "no class has two recordings to compare"

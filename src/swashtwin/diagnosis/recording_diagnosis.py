@@ -340,7 +340,8 @@ def add_healthy_recordings(
         A machine has a single recording; or a recording has another sample rate, other channels or
         another unit, or cannot be used.
     """
-    if classifier.recordings is None or classifier.recordings.on_changes is None:
+    recording_model = classifier.recordings
+    if recording_model is None or recording_model.on_changes is None:
         raise InputError(
             "The model does not compare with healthy recordings: its network was named, its "
             "recordings were short, or a machine of its training has fewer than two healthy ones. "
@@ -351,16 +352,14 @@ def add_healthy_recordings(
         _require_healthy(classifier, recording)
 
     unlabeled = [recording.replace(label=None) for recording in healthy]
-    extended = classifier.with_healthy(classifier.cut_windows(unlabeled))
-    without_comparison = replace(
-        classifier, recordings=replace(classifier.recordings, on_changes=None)
-    )
+    extended_model = recording_model.with_healthy(classifier.cut_windows(unlabeled))
+    without_comparison = replace(classifier, recordings=replace(recording_model, on_changes=None))
 
     notes = []
     machines = dict.fromkeys(str(recording.specimen) for recording in unlabeled)
     for machine in machines:
         recordings = [recording for recording in unlabeled if recording.specimen == machine]
-        if extended.recordings is None or not extended.recordings.knows(machine):
+        if not extended_model.knows(machine):
             raise DataError(
                 f"{recordings[0].recording_id} is the only healthy recording of {machine}; at "
                 "least two are needed to compare with."
@@ -376,7 +375,7 @@ def add_healthy_recordings(
                 f"of {machine} would be called faulty: the machine differs from those of the "
                 "training as a fault does."
             )
-    return extended, tuple(notes)
+    return replace(classifier, recordings=extended_model), tuple(notes)
 
 
 def _require_healthy(classifier: FittedClassifier, recording: Recording) -> None:

@@ -57,6 +57,7 @@ from .training.classifier import FittedClassifier as FittedClassifier
 from .training.classifier import Normalization as Normalization
 from .training.classifier import TrainedState as TrainedState
 from .training.classifier import require_verdicts as require_verdicts
+from .training.confidence import DEFAULT_ERROR_RATE as DEFAULT_ERROR_RATE
 from .training.confidence import Confidence as Confidence
 from .training.confidence import allowed_error_rate as allowed_error_rate
 from .training.confidence import likeliest_class as likeliest_class
@@ -64,13 +65,6 @@ from .training.confidence import min_validation_recordings as min_validation_rec
 from .training.confidence import pooled_probabilities as pooled_probabilities
 from .training.confidence import validation_share as validation_share
 from .training.fitting import fit as fit
-from .training.settings import NOISE_SNR_RANGE_DB as NOISE_SNR_RANGE_DB
-from .training.settings import PAPER_TRAINING as PAPER_TRAINING
-from .training.settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
-from .training.settings import Epoch as Epoch
-from .training.settings import TrainingSettings as TrainingSettings
-from .training.settings import with_gains as with_gains
-from .training.settings import with_speed_changes as with_speed_changes
 from .training.training_data import TrainingData as TrainingData
 from .training.training_data import prepare_training_data as prepare_training_data
 from .training.training_reference import DeviatingStatistic as DeviatingStatistic
@@ -78,6 +72,13 @@ from .training.training_reference import TrainingReference as TrainingReference
 from .training.training_reference import deviating_statistics as deviating_statistics
 from .training.training_reference import signal_statistics as signal_statistics
 from .training.training_reference import swapped_channels as swapped_channels
+from .training.training_settings import NOISE_SNR_RANGE_DB as NOISE_SNR_RANGE_DB
+from .training.training_settings import PAPER_TRAINING as PAPER_TRAINING
+from .training.training_settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
+from .training.training_settings import Epoch as Epoch
+from .training.training_settings import TrainingSettings as TrainingSettings
+from .training.training_settings import with_gains as with_gains
+from .training.training_settings import with_speed_changes as with_speed_changes
 from .windows.cutting import cut_windows as cut_windows
 from .windows.cutting import window_batches as window_batches
 from .windows.splitting import Fold as Fold

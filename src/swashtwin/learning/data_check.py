@@ -13,7 +13,11 @@ from swashtwin.learning.healthy.healthy_baseline import (
     DEFAULT_FALSE_ALARM_RATE,
     MIN_HEALTHY_RECORDINGS,
 )
-from swashtwin.learning.training.confidence import allowed_error_rate, min_validation_recordings
+from swashtwin.learning.training.confidence import (
+    DEFAULT_ERROR_RATE,
+    allowed_error_rate,
+    min_validation_recordings,
+)
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
     Finding,
@@ -141,7 +145,6 @@ def check_recordings(
     recordings: Sequence[Recording],
     *,
     window: int = 2048,
-    error_rate: float = 0.1,
     unreadable: Sequence[Finding] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> DataCheck:
@@ -150,7 +153,6 @@ def check_recordings(
     Parameters
     ----------
     window : samples of the windows that are to be cut.
-    error_rate : error rate that the confidence of a classifier should hold.
     unreadable : findings of `load_recordings` about files that are not among the recordings.
     progress : called with the number of finished recordings, and the total.
     """
@@ -171,7 +173,7 @@ def check_recordings(
         inspection=inspection,
         counts=counts,
         gaps=_gaps(counts),
-        uses=_uses(labeled, error_rate),
+        uses=_uses(labeled),
         notes=tuple(_notes(recordings, labeled, copies)),
     )
 
@@ -254,7 +256,7 @@ def _counts(recordings: Sequence[Recording]) -> tuple[ClassCount, ...]:
     return tuple(counts)
 
 
-def _uses(labeled: Sequence[Recording], error_rate: float) -> tuple[Use, ...]:
+def _uses(labeled: Sequence[Recording]) -> tuple[Use, ...]:
     classes = Counter(str(recording.label) for recording in labeled)
     n_healthy = sum(count for name, count in classes.items() if is_healthy(name))
     # Healthy recordings alone are meant for an anomaly detector, which no test needs.
@@ -275,7 +277,7 @@ def _uses(labeled: Sequence[Recording], error_rate: float) -> tuple[Use, ...]:
         ),
         use("test on specimens that were not trained on", _test(labeled, "specimen")),
         use("test at operating conditions that were not trained at", _test(labeled, "condition")),
-        use("calibrated confidence", _confidence(labeled, error_rate)),
+        use("calibrated confidence", _confidence(labeled)),
         use("calibration of a twin", _calibration(labeled)),
     )
 
@@ -328,7 +330,7 @@ def _test_rows(labels: np.ndarray, groups: np.ndarray) -> np.ndarray | None:
     return select_test_rows(classes, classes, groups, _TEST_FRACTION, seed=0)
 
 
-def _confidence(labeled: Sequence[Recording], error_rate: float) -> Answer:
+def _confidence(labeled: Sequence[Recording]) -> Answer:
     n_remaining = 0
     if labeled:
         labels = np.array([str(recording.label) for recording in labeled])
@@ -336,20 +338,22 @@ def _confidence(labeled: Sequence[Recording], error_rate: float) -> Answer:
         if test_rows is not None:
             n_remaining = len(labeled) - len(test_rows)
 
-    needed = min_validation_recordings(error_rate)
-    allowed = allowed_error_rate(n_remaining, error_rate)
+    needed = min_validation_recordings(DEFAULT_ERROR_RATE)
+    allowed = allowed_error_rate(n_remaining, DEFAULT_ERROR_RATE)
     verb = "is" if n_remaining == 1 else "are"
     remaining_text = (
         f"{plural(n_remaining, 'recording')} {verb} left after a test on a share of "
         f"{_TEST_FRACTION:g}"
     )
-    if allowed == error_rate:
+    if allowed == DEFAULT_ERROR_RATE:
         return (
             "yes",
             f"training calibrates it with its folds; {remaining_text}, {needed} are needed.",
         )
 
-    shortage = f"an error rate of {error_rate:g} needs {needed} recordings; {remaining_text}"
+    shortage = (
+        f"an error rate of {DEFAULT_ERROR_RATE:g} needs {needed} recordings; {remaining_text}"
+    )
     if n_remaining < _MIN_REMAINING_RECORDINGS:
         return "no", f"{shortage}."
     return "partly", f"{shortage}, which allow an error rate of {allowed:g}."

@@ -19,7 +19,11 @@ from swashtwin.learning.training.classifier import Normalization
 from swashtwin.learning.training.confidence import likeliest_class
 from swashtwin.learning.training.fitting import RepresentedWindows
 from swashtwin.learning.training.out_of_fold import OutOfFoldPredictions
-from swashtwin.learning.training.settings import transform_windows, with_gains, with_speed_changes
+from swashtwin.learning.training.training_settings import (
+    transform_windows,
+    with_gains,
+    with_speed_changes,
+)
 from swashtwin.learning.windows.splitting import (
     Fold,
     group_folds,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from swashtwin.learning.networks.band_power_network import BandPowerNetwork
-from swashtwin.learning.training.settings import TrainingSettings
+from swashtwin.learning.training.training_settings import TrainingSettings
 from swashtwin.learning.windows.window_set import WindowSet
 
 DISTURBED_TRAINING = TrainingSettings(

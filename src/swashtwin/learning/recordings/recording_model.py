@@ -62,9 +62,9 @@ class RecordingModel:
         """Return whether a machine has enough healthy recordings to compare with."""
         return self.on_changes is not None and specimen in self.healthy.machines()
 
-    def with_healthy(self, healthy: RecordingTable) -> "RecordingModel":
-        """Return the model with further healthy recordings."""
-        return replace(self, healthy=self.healthy.joined(healthy))
+    def with_healthy(self, windows: WindowSet) -> "RecordingModel":
+        """Return the model with further healthy recordings, given by their windows."""
+        return replace(self, healthy=self.healthy.joined(self.table(windows)))
 
     def table(self, windows: WindowSet) -> RecordingTable:
         """Return the band powers of the recordings that windows are of."""

@@ -1,7 +1,7 @@
 """A trained network, with everything that its use and its test need."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,8 @@ from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.recordings.recording_model import RecordingModel
 from swashtwin.learning.training.candidate_choice import CandidateChoice
 from swashtwin.learning.training.confidence import Confidence
-from swashtwin.learning.training.settings import NORMALIZATIONS, Epoch, TrainingSettings
 from swashtwin.learning.training.training_reference import N_STATISTICS, TrainingReference
+from swashtwin.learning.training.training_settings import NORMALIZATIONS, Epoch, TrainingSettings
 from swashtwin.learning.windows.cutting import cut_windows
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 from swashtwin.recordings import Manifest, Recording
@@ -208,12 +208,6 @@ class FittedClassifier(TrainedState):
         if self.recordings.knows(specimen):
             return self.baseline_confidence
         return self.confidence
-
-    def with_healthy(self, windows: WindowSet) -> "FittedClassifier":
-        """Return the classifier with further healthy recordings to compare others with."""
-        assert self.recordings is not None
-        healthy_table = self.recordings.table(windows)
-        return replace(self, recordings=self.recordings.with_healthy(healthy_table))
 
     def _probabilities(self, samples: np.ndarray, turns: np.ndarray) -> np.ndarray:
         probability = self.network.probabilities(samples, turns)

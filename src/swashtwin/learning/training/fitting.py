@@ -12,13 +12,13 @@ from swashtwin.learning.features import reference_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.networks.solved_network import SolvedNetwork
 from swashtwin.learning.training.classifier import FittedClassifier, Normalization
-from swashtwin.learning.training.settings import (
+from swashtwin.learning.training.training_reference import build_reference
+from swashtwin.learning.training.training_settings import (
     PAPER_TRAINING,
     Epoch,
     TrainingSettings,
     transform_windows,
 )
-from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 from swashtwin.recordings import Manifest, join_manifests
 

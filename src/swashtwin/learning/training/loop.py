@@ -25,8 +25,8 @@ from swashtwin.foundation import (
 )
 from swashtwin.learning.networks.network import Network
 from swashtwin.learning.training.classifier import WINDOWS_PER_BLOCK, Normalization
-from swashtwin.learning.training.settings import Epoch, TrainingSettings, transform_windows
 from swashtwin.learning.training.steps import Steps, adam, is_replayed
+from swashtwin.learning.training.training_settings import Epoch, TrainingSettings, transform_windows
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import Manifest
 

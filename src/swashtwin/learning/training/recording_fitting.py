@@ -23,7 +23,7 @@ from swashtwin.learning.recordings.recording_table import (
 )
 from swashtwin.learning.training.confidence import fit_pooling
 from swashtwin.learning.training.out_of_fold import OutOfFoldPredictions
-from swashtwin.learning.training.settings import with_noise
+from swashtwin.learning.training.training_settings import with_noise
 from swashtwin.learning.windows.splitting import is_made_without
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy

@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from swashtwin.foundation import TorchStream
 from swashtwin.learning.networks.network import Network, batches
-from swashtwin.learning.training.settings import TrainingSettings
+from swashtwin.learning.training.training_settings import TrainingSettings
 
 # Steps before a capture, in which libraries select their kernels and allocate memory.
 _WARM_UP = 3

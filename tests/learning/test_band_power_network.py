@@ -14,19 +14,25 @@ LENGTH = 1024
 def signal(turns: float = 0.01, seed: int = 0) -> np.ndarray:
     """Windows with lines at orders 1, 9 and 18 of a shaft, and noise."""
     draw = np.random.default_rng(seed)
-    time = np.arange(LENGTH)
-    lines = [
-        np.sin(2 * np.pi * order * turns * time + draw.uniform(0, 6, (3, 2, 1)))
-        for order in (1, 9, 18)
-    ]
+    shaft_angle = 2 * np.pi * turns * np.arange(LENGTH)
+    lines = np.zeros((3, 2, LENGTH))
+    for order in (1, 9, 18):
+        phase = draw.uniform(0, 6, (3, 2, 1))
+        lines += np.sin(order * shaft_angle + phase)
+    noise = 0.1 * draw.normal(size=lines.shape)
 
-    return (sum(lines) + 0.1 * draw.normal(size=(3, 2, LENGTH))).astype(np.float32)
+    return (lines + noise).astype(np.float32)
+
+
+UNKNOWN_SPEED = np.full(3, np.nan)
 
 
 @pytest.mark.parametrize("orders", [True, False])
 def test_a_gain_shifts_band_powers_by_their_gain_response(orders: bool) -> None:
     turns = np.full(3, 0.01) if orders else None
-    change = window_features(10 * signal(), turns) - window_features(signal(), turns)
+    quiet = window_features(signal(), turns)
+    loud = window_features(10 * signal(), turns)
+    change = loud - quiet
     expected = np.broadcast_to(gain_response(orders), change.shape)
 
     np.testing.assert_allclose(change, expected, atol=0.02)
@@ -53,11 +59,11 @@ def test_orders_need_a_speed_for_every_window() -> None:
 
 def test_shapes_do_not_change_with_the_gain_of_a_channel() -> None:
     network = BandPowerNetwork(2, 2, shape=True)
-    louder = signal() * np.array([10.0, 0.1], dtype=np.float32)[:, None]
-    turns = np.full(3, np.nan)
-    quiet = network.represent_at(signal(), turns)
+    gains = np.array([10.0, 0.1], dtype=np.float32)
+    plain_shape = network.represent_at(signal(), UNKNOWN_SPEED)
+    scaled_shape = network.represent_at(signal() * gains[:, None], UNKNOWN_SPEED)
 
-    np.testing.assert_allclose(network.represent_at(louder, turns), quiet, atol=0.02)
+    np.testing.assert_allclose(scaled_shape, plain_shape, atol=0.02)
 
 
 def test_the_discriminant_is_that_of_scikit_learn_with_ledoit_wolf_shrinkage() -> None:
@@ -70,31 +76,35 @@ def test_the_discriminant_is_that_of_scikit_learn_with_ledoit_wolf_shrinkage() -
     features = draw.normal(size=(80, len(network.response))).astype(np.float32)
     features[:, :5] += target[:, None]
     network.solve(features, target, 0)
+
     scaled = network.encode(features).astype(float)
-    centers = np.stack([scaled[target == index].mean(axis=0) for index in range(2)])
-    shrinkage = ledoit_wolf(scaled - centers[target], assume_centered=True)[1]
+    first_center = scaled[target == 0].mean(axis=0)
+    second_center = scaled[target == 1].mean(axis=0)
+    centers = np.stack([first_center, second_center])
+    _, shrinkage = ledoit_wolf(scaled - centers[target], assume_centered=True)
     peer = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage, priors=[0.5, 0.5])
     peer.fit(scaled, target)
 
-    expected = network.log_probabilities(features)["discriminant"]
-
-    assert np.abs(peer.predict_proba(scaled) - np.exp(expected)).max() < 0.05
+    probabilities = np.exp(network.log_probabilities(features)["discriminant"])
+    difference = peer.predict_proba(scaled) - probabilities
+    assert np.abs(difference).max() < 0.05
 
 
 def solved(heads: tuple[str, ...] = HEADS) -> tuple[BandPowerNetwork, np.ndarray]:
     """Return a network of small windows, and their band powers."""
     network = BandPowerNetwork(2, 3, hidden=8, heads=heads)
-    features = network.represent_at(signal(), np.full(3, np.nan))
+    features = network.represent_at(signal(), UNKNOWN_SPEED)
     network.solve(features, np.array([0, 1, 2]), 0)
     return network, features
 
 
 def test_the_network_returns_the_mean_probability_of_its_heads() -> None:
     network, features = solved()
-    head_probabilities = np.exp(list(network.log_probabilities(features).values()))
-    mean = head_probabilities.mean(axis=0)
+    log_probabilities = network.log_probabilities(features)
+    mean = np.exp(list(log_probabilities.values())).mean(axis=0)
+    probabilities = network.probabilities(signal(), UNKNOWN_SPEED)
 
-    np.testing.assert_allclose(network.probabilities(signal(), np.full(3, np.nan)), mean, atol=1e-6)
+    np.testing.assert_allclose(probabilities, mean, atol=1e-6)
 
 
 @pytest.mark.parametrize("heads", [HEADS, HEADS[:1], HEADS[1:]])
@@ -102,16 +112,20 @@ def test_the_mean_gradient_times_the_band_powers_is_the_change_of_the_margin(
     heads: tuple[str, ...],
 ) -> None:
     network = BandPowerNetwork(1, 3, hidden=8, heads=heads)
-    features = np.random.default_rng(0).normal(size=(60, len(network.response))).astype(np.float32)
+    draw = np.random.default_rng(0)
+    features = draw.normal(size=(60, len(network.response))).astype(np.float32)
     network.solve(features, np.arange(60) % 3, 0)
+
     encoded = network.encode(features)
     gradient, change = network.mean_gradient(encoded, 0, 2, 500)
-    scores = network.scores(features)
-    at_mean = network.scores(network.weights["mean"][None])
 
-    rise = scores - at_mean
-    np.testing.assert_allclose(change, rise[:, 0] - rise[:, 2], rtol=1e-3, atol=1e-3)
-    np.testing.assert_allclose((gradient * encoded).sum(axis=1), change, rtol=0.02, atol=0.01)
+    mean = network.weights["mean"][None]
+    rise = network.scores(features) - network.scores(mean)
+    margin_rise = rise[:, 0] - rise[:, 2]
+    np.testing.assert_allclose(change, margin_rise, rtol=1e-3, atol=1e-3)
+
+    linear_change = (gradient * encoded).sum(axis=1)
+    np.testing.assert_allclose(linear_change, change, rtol=0.02, atol=0.01)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from sklearn.metrics import balanced_accuracy_score
 
 from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
 from swashtwin.learning import (
+    Scores,
     WindowSet,
     evaluate,
     g_mean,
@@ -69,6 +70,12 @@ def confident(predicted, n_classes: int = 3, confidence: float = 0.9) -> np.ndar
     return np.where(np.eye(n_classes)[predicted] > 0, confidence, remaining_probability)
 
 
+def scores_of(target, predicted, classes=CLASSES) -> Scores:
+    """Scores of confident predictions."""
+    oracle = Oracle(confident(predicted, len(classes)), classes)
+    return evaluate(oracle, measured(target, classes=classes))
+
+
 def test_scores_of_a_confusion_worked_by_hand():
     target = [0] * 4 + [1] * 4 + [2] * 2
     predicted = [0, 0, 0, 1, 1, 1, 0, 0, 2, 2]
@@ -85,13 +92,14 @@ def test_scores_of_a_confusion_worked_by_hand():
     assert scores.missed_fault_rate == pytest.approx(2 / 6)
     assert scores.calibration_error == pytest.approx(0.2)
     assert dict(scores.reasons) == {}
-    assert (scores.n_windows, scores.n_recordings) == (10, 3)
+    assert scores.n_windows == 10
+    assert scores.n_recordings == 3
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), min_size=1, max_size=40))
 def test_the_g_mean_is_imbalanced_learns_and_the_macro_recall_scikit_learns(pairs):
-    target, predicted = map(np.array, zip(*pairs, strict=True))
+    target, predicted = np.array(pairs).T
     assume(len(set(target)) > 1 and set(target) >= set(predicted))
     order = {label: index for index, label in enumerate(sorted(set(target.tolist())))}
     confusion = np.zeros((len(order), len(order)), dtype=np.int64)
@@ -103,9 +111,9 @@ def test_the_g_mean_is_imbalanced_learns_and_the_macro_recall_scikit_learns(pair
     assert g_mean(confusion) == pytest.approx(expected)
 
     classes = tuple(f"class {index}" for index in range(4))
-    scores = evaluate(Oracle(confident(predicted, 4), classes), measured(target, classes=classes))
-
-    assert scores.macro_recall == pytest.approx(balanced_accuracy_score(target, predicted))
+    scores = scores_of(target, predicted, classes)
+    expected = balanced_accuracy_score(target, predicted)
+    assert scores.macro_recall == pytest.approx(expected)
 
 
 def test_the_g_mean_is_zero_if_a_recall_is_zero_and_its_laplace_form_is_not():
@@ -115,7 +123,7 @@ def test_the_g_mean_is_zero_if_a_recall_is_zero_and_its_laplace_form_is_not():
 
 
 def test_a_class_without_test_windows_makes_the_g_mean_nan_with_a_reason():
-    scores = evaluate(Oracle(confident([0, 0, 1])), measured([0, 1, 1]))
+    scores = scores_of(target=[0, 1, 1], predicted=[0, 0, 1])
     assert math.isnan(scores.g_mean)
     assert math.isnan(scores.g_mean_laplace)
     assert math.isnan(scores.recall["piston"])
@@ -124,28 +132,28 @@ def test_a_class_without_test_windows_makes_the_g_mean_nan_with_a_reason():
     assert "piston" in scores.reasons["macro_recall"]
 
 
-def test_rates_that_the_test_set_cannot_give_are_nan_with_a_reason():
-    only_normal = evaluate(Oracle(confident([0, 1])), measured([0, 0]))
-    assert only_normal.false_alarm_rate == 0.5
-    assert math.isnan(only_normal.missed_fault_rate)
-    assert only_normal.reasons["missed_fault_rate"] == "no faulty test window"
-    assert only_normal.reasons["macro_auroc"] == "every test window is of one class"
+def test_rates_that_healthy_windows_cannot_give_are_nan_with_a_reason():
+    scores = scores_of(target=[0, 0], predicted=[0, 1])
+    assert scores.false_alarm_rate == 0.5
+    assert math.isnan(scores.missed_fault_rate)
+    assert scores.reasons["missed_fault_rate"] == "no faulty test window"
+    assert scores.reasons["macro_auroc"] == "every test window is of one class"
 
-    unnamed = evaluate(
-        Oracle(confident([0, 1], 2), ("a", "b")), measured([0, 1], classes=("a", "b"))
-    )
-    assert unnamed.reasons["false_alarm_rate"] == "no healthy class, so no false-alarm rate"
-    assert unnamed.reasons["missed_fault_rate"] == "no healthy class, so no missed-fault rate"
+
+def test_rates_need_a_healthy_class():
+    scores = scores_of(target=[0, 1], predicted=[0, 1], classes=("a", "b"))
+    assert scores.reasons["false_alarm_rate"] == "no healthy class, so no false-alarm rate"
+    assert scores.reasons["missed_fault_rate"] == "no healthy class, so no missed-fault rate"
 
 
 def test_a_confusion_of_two_healthy_classes_is_not_a_false_alarm():
-    classes = ("gut", "normal", "b")
-    scores = evaluate(
-        Oracle(confident([0, 1, 0, 2, 1]), classes),
-        measured([0, 0, 1, 1, 2], classes=classes),
+    scores = scores_of(
+        target=[0, 0, 1, 1, 2],
+        predicted=[0, 1, 0, 2, 1],
+        classes=("gut", "normal", "b"),
     )
-
-    assert (scores.false_alarm_rate, scores.missed_fault_rate) == (0.25, 1)
+    assert scores.false_alarm_rate == 0.25
+    assert scores.missed_fault_rate == 1
 
 
 @settings(max_examples=30, deadline=None)
@@ -157,10 +165,14 @@ def test_scores_do_not_depend_on_the_order_of_the_classes(classifier_order, test
     recording = 4 * target + recording
     answers = draw.dirichlet(np.ones(3), 30)
     plain = evaluate(Oracle(answers), measured(target, recording))
+
     names = np.array(CLASSES)
+    classifier_classes = tuple(names[classifier_order].tolist())
+    test_classes = tuple(names[test_order].tolist())
+    shuffled_target = np.argsort(test_order)[target]
     shuffled = evaluate(
-        Oracle(answers[:, classifier_order], tuple(names[classifier_order].tolist())),
-        measured(np.argsort(test_order)[target], recording, tuple(names[test_order].tolist())),
+        Oracle(answers[:, classifier_order], classifier_classes),
+        measured(shuffled_target, recording, test_classes),
     )
 
     for name, value in plain.to_dict().items():
@@ -189,10 +201,9 @@ def test_a_recording_is_decided_by_the_mean_log_probability_of_its_windows():
 
 
 def test_each_cell_of_class_and_pressure_has_its_recall():
-    scores = evaluate(
-        Oracle(confident([1, 1, 0, 1, 0])),
-        measured([1, 1, 1, 1, 0], range(5), pressure=[5e6, 5e6, 15e6, 15e6, np.nan]),
-    )
+    pressure = [5e6, 5e6, 15e6, 15e6, np.nan]
+    windows = measured([1, 1, 1, 1, 0], range(5), pressure=pressure)
+    scores = evaluate(Oracle(confident([1, 1, 0, 1, 0])), windows)
 
     cells = [
         (cell.label, cell.discharge_pressure, cell.n_windows, cell.recall) for cell in scores.cells
@@ -204,38 +215,63 @@ def test_each_cell_of_class_and_pressure_has_its_recall():
     ]
 
 
-def test_the_interval_rests_on_recordings_and_not_on_windows():
-    right = np.repeat([True, True, True, False], 50)
-    by_recording = accuracy_interval(right, np.repeat(np.arange(4), 50))
-    by_window = accuracy_interval(right, np.arange(200))
-
+def test_the_interval_depends_on_recordings_and_not_on_windows():
+    # three of four recordings are right, in all of their 50 windows
+    is_right = np.repeat([True, True, True, False], 50)
+    recording = np.repeat(np.arange(4), 50)
+    by_recording = accuracy_interval(is_right, recording)
     assert by_recording == (0.25, 1.0)
 
-    low, high = accuracy_interval(np.ones(60, dtype=bool), np.repeat(np.arange(20), 3))
+    low, high = accuracy_interval(is_right, np.arange(200))
+    assert 0.65 < low < 0.75 < high < 0.85
+
+    # 0 is the default seed
+    assert accuracy_interval(is_right, recording, seed=0) == by_recording
+
+
+def test_the_interval_of_recordings_without_an_error_is_that_of_their_number():
+    is_right = np.ones(60, dtype=bool)
+    recording = np.repeat(np.arange(20), 3)
+    low, high = accuracy_interval(is_right, recording)
 
     # 20 recordings without an error are possible at an accuracy of 84 %
-    assert (round(low, 3), high) == (0.839, 1.0)
-    assert 0.65 < by_window[0] < 0.75 < by_window[1] < 0.85
-    assert accuracy_interval(right, np.repeat(np.arange(4), 50), seed=0) == by_recording
+    assert round(low, 3) == 0.839
+    assert high == 1.0
 
 
-def test_synthetic_and_training_recordings_are_refused_and_named():
+def test_synthetic_recordings_are_refused_by_name():
+    windows = measured([1], synthetic=True)
     with pytest.raises(LeakError, match="rec 1 is synthetic"):
-        evaluate(Oracle(confident([1])), measured([1], synthetic=True))
+        evaluate(Oracle(confident([1])), windows)
+
+
+def test_training_recordings_are_refused_by_name():
+    oracle = Oracle(confident([0, 1, 2]), manifest=("rec 0", "rec 2", "rec 7"))
     with pytest.raises(LeakError, match="recording rec 0 and 1 more had a part"):
-        evaluate(
-            Oracle(confident([0, 1, 2]), manifest=("rec 0", "rec 2", "rec 7")),
-            measured([0, 1, 2]),
-        )
+        evaluate(oracle, measured([0, 1, 2]))
 
 
-def test_unlabeled_windows_no_window_and_unknown_classes_are_refused():
-    with pytest.raises(DataError, match="has no label"):
-        evaluate(Oracle(confident([0])), measured([-1]))
-    with pytest.raises(DataError, match="no window"):
-        evaluate(Oracle(confident([0])), measured([0]).subset(np.array([], dtype=np.int64)))
-    with pytest.raises(InputError, match="does not know the class 'loose'"):
-        evaluate(Oracle(confident([0])), measured([0], classes=("normal", "loose")))
+@pytest.mark.parametrize(
+    ("windows", "error", "message"),
+    [
+        (measured([-1]), DataError, "has no label"),
+        (measured([0]).subset(np.array([], dtype=np.int64)), DataError, "no window"),
+        (
+            measured([0], classes=("normal", "loose")),
+            InputError,
+            "does not know the class 'loose'",
+        ),
+    ],
+    ids=["unlabeled", "empty", "unknown class"],
+)
+def test_windows_that_cannot_be_scored_are_refused(
+    windows: WindowSet, error: type[Exception], message: str
+):
+    with pytest.raises(error, match=message):
+        evaluate(Oracle(confident([0])), windows)
+
+
+def test_an_unknown_split_is_refused():
     with pytest.raises(InputError, match="Invalid split 'L9': it must be one of L0, L1"):
         evaluate(Oracle(confident([0])), measured([0]), split="L9")
 
@@ -244,10 +280,13 @@ def test_the_split_follows_from_machines_and_operating_points() -> None:
     at_5 = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(5.0))
     at_15 = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15.0))
     reference = TrainingReference(
-        recording_id=("a", "b"), label=("normal", "piston"), specimen=("A", "A"),
+        recording_id=("a", "b"),
+        label=("normal", "piston"),
+        specimen=("A", "A"),
         condition=np.array([[at_5.speed, at_5.discharge_pressure]] * 2),
-        features=np.zeros((2, 1), np.float32), statistics=np.zeros((2, 1, 1)),
-    )  # fmt: skip
+        features=np.zeros((2, 1), np.float32),
+        statistics=np.zeros((2, 1, 1)),
+    )
 
     def tested(specimen: str | None, condition: OperatingCondition | None) -> Recording:
         return Recording(np.zeros((1, 8)), 1000.0, "t", specimen=specimen, condition=condition)

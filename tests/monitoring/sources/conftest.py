@@ -1,4 +1,4 @@
-"""What a source hands its deliveries to."""
+"""A spool for the tests of sources, which remembers what was delivered."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,17 +11,18 @@ from swashtwin.monitoring.sources.spool import Spool
 
 @dataclass
 class Deliveries:
-    """Keeps what is delivered; the first `failures` deliveries are refused as by a full disk."""
+    """Keep what is delivered, after `failures` deliveries were refused as by a full disk."""
 
     spool: Spool
     failures: int = 0
     items: list[tuple[Delivery, bytes]] = field(default_factory=list)
 
     def accept(self, delivery: Delivery, content: bytes | Path) -> str:
-        """Takes a delivery."""
+        """Take a delivery."""
         if self.failures:
             self.failures -= 1
             raise OSError(28, "No space left on device")
+
         assert isinstance(content, bytes)
         self.items.append((delivery, content))
         return self.spool.add(delivery, content)
@@ -29,5 +30,5 @@ class Deliveries:
 
 @pytest.fixture
 def deliveries(tmp_path: Path) -> Deliveries:
-    """A spool that remembers what came."""
+    """An empty spool that remembers its deliveries."""
     return Deliveries(Spool(tmp_path / "spool"))

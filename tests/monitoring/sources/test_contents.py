@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -24,63 +25,83 @@ PUMP = Machine(name="pump-1")
 Deliver = Callable[..., SpoolFile]
 
 
-def recording(seed: int = 0, **facts) -> Recording:
-    signal = np.random.default_rng(seed).normal(size=(2, 256)).astype(np.float32).astype(float)
+def recording(**facts) -> Recording:
+    # Values of single precision, which a file stores without a change.
+    signal = np.random.default_rng(0).normal(size=(2, 256)).astype(np.float32).astype(float)
     return Recording(signal, 1000.0, "a", **{"channels": ("x", "y"), **facts})
+
+
+def next_file(spool: Spool) -> SpoolFile:
+    file = spool.next(0.0)
+    assert file is not None
+    return file
 
 
 @pytest.fixture
 def deliver(tmp_path: Path) -> Deliver:
-    """Puts a recording as a file, or bytes, into a spool."""
+    """Return a function that puts a recording as a file, or bytes, into a spool."""
+    numbers = count()
 
     def put(content: Recording | bytes, file: str = "a.h5", **facts: str) -> SpoolFile:
         if isinstance(content, Recording):
             content = write_recording(content, tmp_path / file).read_bytes()
-        spool = Spool(tmp_path / f"spool-{len(list(tmp_path.iterdir()))}")
+        spool = Spool(tmp_path / f"spool-{next(numbers)}")
         spool.add(Delivery("inbox", file, NOW, "pump-1", facts), content)
-        waiting = spool.next(0.0)
-        assert waiting is not None
-        return waiting
+        return next_file(spool)
 
     return put
 
 
 def test_samples_of_a_message_are_in_si_units(tmp_path: Path) -> None:
-    header = {"rate": "1 kHz", "unit": "g", "channels": ["x", "y"], "type": "float32"}
-    header |= {"speed": "1500 rpm", "pressure": "15 MPa"}
-    payload = json.dumps(header).encode() + b"\n" + np.array([[1, 2], [3, 4]], "<f4").tobytes()
+    header = {
+        "rate": "1 kHz",
+        "unit": "g",
+        "channels": ["x", "y"],
+        "type": "float32",
+        "speed": "1500 rpm",
+        "pressure": "15 MPa",
+    }
+    samples = np.array([[1, 2], [3, 4]], "<f4")
+    payload = json.dumps(header).encode() + b"\n" + samples.tobytes()
     spool = Spool(tmp_path)
     spool.add(*read_message(payload, "mqtt", NOW, "pump-1"))
-    file = spool.next(0.0)
-    assert file is not None
-    contents = read_contents(file, PUMP, None).recording
-    assert contents.signal == pytest.approx(9.80665 * np.array([[1, 3], [2, 4]]))
-    assert (contents.unit, contents.channels, contents.sample_rate) == ("m/s^2", ("x", "y"), 1000)
+
+    contents = read_contents(next_file(spool), PUMP, None).recording
+
+    # A message has all channels of one instant after each other, a recording a row for each.
+    assert contents.signal == pytest.approx(9.80665 * samples.T)
+    assert contents.unit == "m/s^2"
+    assert contents.channels == ("x", "y")
+    assert contents.sample_rate == 1000
     assert contents.condition is not None
-    assert (contents.condition.speed, contents.condition.discharge_pressure) == pytest.approx(
-        (rpm(1500), MPa(15))
-    )
+    assert contents.condition.speed == pytest.approx(rpm(1500))
+    assert contents.condition.discharge_pressure == pytest.approx(MPa(15))
 
 
 def test_recordings_without_a_signal_differ_by_their_time(deliver: Deliver) -> None:
+    # All recordings of a dead sensor have the same samples, and are no duplicates.
     flat = Recording(np.zeros((1, 64)), 1000.0, "a")
-    early, late = ((NOW - timedelta(minutes=age)).isoformat() for age in (2, 1))
-    digests = {read_contents(deliver(flat, time=time), PUMP, None).digest for time in (early, late)}
+    digests = set()
+    for age in (2, 1):
+        time = NOW - timedelta(minutes=age)
+        file = deliver(flat, time=time.isoformat())
+        digests.add(read_contents(file, PUMP, None).digest)
+
     assert len(digests) == 2
 
 
 @pytest.mark.parametrize(
     ("content", "file", "settings", "message"),
     [
-        (b"no HDF5 file", "a.h5", {}, "a.h5"),
-        (b"", "a.wav", {}, "empty"),
-        (b"text", "notes.xyz", {}, "cannot be read"),
-        (recording(), "a.h5", {"sample_rate": 2000.0}, "1000 Hz"),
-        (recording(), "a.h5", {"channels": ("x", "z")}, "no channel 'z'"),
-        (recording(), "a.h5", {"unit": "V"}, "V"),
+        pytest.param(b"no HDF5 file", "a.h5", {}, "a.h5", id="other format than its suffix"),
+        pytest.param(b"", "a.wav", {}, "empty", id="empty"),
+        pytest.param(b"text", "notes.xyz", {}, "cannot be read", id="unknown suffix"),
+        pytest.param(recording(), "a.h5", {"sample_rate": 2000.0}, "1000 Hz", id="sample rate"),
+        pytest.param(recording(), "a.h5", {"channels": ("x", "z")}, "no channel 'z'", id="channel"),
+        pytest.param(recording(), "a.h5", {"unit": "V"}, "V", id="unit"),
     ],
 )
-def test_what_cannot_be_read_as_configured_has_a_reason_that_names_the_file(
+def test_what_cannot_be_read_as_configured_is_rejected_with_a_reason(
     deliver: Deliver,
     content: Recording | bytes,
     file: str,
@@ -88,79 +109,135 @@ def test_what_cannot_be_read_as_configured_has_a_reason_that_names_the_file(
     message: str,
 ) -> None:
     spooled = deliver(content, file)
+
     with pytest.raises(RejectionError) as caught:
         read_contents(spooled, Machine(name="pump-1", **settings), None)
+
     assert caught.value.reason == "broken"
     assert message in str(caught.value)
+    # The path in the spool means nothing to a reader.
     assert str(spooled.path.parent) not in str(caught.value)
 
 
-def test_the_operating_point_is_that_of_the_file_then_the_message_then_the_tags_then_the_configuration(
-    deliver: Deliver, tmp_path: Path
+# Each place has values of its own, so that a result names its place. A measurement knows more than
+# a message, and a log of another system more than the configuration.
+TAGS_TEXT = "time,speed,pressure\n2026-11-23T13:50:00Z,1200,12\n"
+IN_FILE = OperatingCondition(rpm(1500), MPa(15))
+IN_MESSAGE = {"speed": "1300 rpm", "pressure": "13 MPa"}
+
+
+@pytest.mark.parametrize(
+    ("condition", "facts", "tags_file", "expected_rpm", "expected_mpa"),
+    [
+        pytest.param(IN_FILE, {}, "tags.csv", 1500, 15, id="file"),
+        pytest.param(None, IN_MESSAGE, "tags.csv", 1300, 13, id="message"),
+        pytest.param(None, {"pressure": "13 MPa"}, "tags.csv", 1200, 13, id="message and tags"),
+        pytest.param(None, {}, "tags.csv", 1200, 12, id="tags"),
+        pytest.param(None, {}, None, 900, 9, id="configuration"),
+        pytest.param(None, {}, "missing.csv", 900, 9, id="configuration if tags are missing"),
+    ],
+)
+def test_the_operating_point_is_taken_from_the_file_then_message_then_tags_then_configuration(
+    deliver: Deliver,
+    tmp_path: Path,
+    condition: OperatingCondition | None,
+    facts: dict[str, str],
+    tags_file: str | None,
+    expected_rpm: float,
+    expected_mpa: float,
 ) -> None:
-    tags = tmp_path / "tags.csv"
-    tags.write_text("time,speed,pressure\n2026-11-23T13:50:00Z,1200,12\n")
-    machine = Machine(name="pump-1", speed=rpm(900), discharge_pressure=MPa(9), tags=tags)
-    at_15 = OperatingCondition(rpm(1500), MPa(15))
-    missing = Tags(tmp_path / "missing.csv")
-    cases = [
-        (deliver(recording(condition=at_15), "a.h5"), Tags(tags), (1500, 15)),
-        (deliver(recording(), "b.h5", speed="1300 rpm", pressure="13 MPa"), Tags(tags), (1300, 13)),
-        (deliver(recording(), "c.h5", pressure="13 MPa"), Tags(tags), (1200, 13)),
-        (deliver(recording(), "d.h5"), Tags(tags), (1200, 12)),
-        (deliver(recording(), "e.h5"), None, (900, 9)),
-        (deliver(recording(), "f.h5"), missing, (900, 9)),
-    ]
-    for file, tag_file, (speed, pressure) in cases:
-        contents = read_contents(file, machine, tag_file)
-        assert bool(contents.notes) == (tag_file is missing)
-        condition = contents.recording.condition
-        assert condition is not None
-        assert (condition.speed, condition.discharge_pressure) == pytest.approx(
-            (rpm(speed), MPa(pressure))
-        )
+    (tmp_path / "tags.csv").write_text(TAGS_TEXT)
+    tags = Tags(tmp_path / tags_file) if tags_file else None
+    machine = Machine(
+        name="pump-1",
+        speed=rpm(900),
+        discharge_pressure=MPa(9),
+        tags=tmp_path / "tags.csv",
+    )
+
+    file = deliver(recording(condition=condition), "a.h5", **facts)
+    contents = read_contents(file, machine, tags)
+
+    assert contents.recording.condition is not None
+    assert contents.recording.condition.speed == pytest.approx(rpm(expected_rpm))
+    assert contents.recording.condition.discharge_pressure == pytest.approx(MPa(expected_mpa))
+    # Only tags that cannot be read are worth a note.
+    assert bool(contents.notes) == (tags_file == "missing.csv")
 
 
 def test_a_speed_alone_is_kept_and_no_pressure_is_invented(deliver: Deliver) -> None:
-    contents = read_contents(
-        deliver(recording()), Machine(name="pump-1", speed=rpm(900)), None
-    ).recording
+    machine = Machine(name="pump-1", speed=rpm(900))
+
+    contents = read_contents(deliver(recording()), machine, None).recording
+
     assert contents.condition is None
     assert contents.attributes["speed"] == "900.0 rpm"
 
 
 @pytest.mark.parametrize(
     ("year", "note"),
-    [(2031, "lies in the future"), (9999, "lies in the future"), (1980, "before 1990")],
+    [
+        pytest.param(2031, "lies in the future", id="clock ahead"),
+        # A time zone or five minutes more would leave the range of years.
+        pytest.param(9999, "lies in the future", id="last year of datetime"),
+        # Clocks that were never set start in 1970 or 1980.
+        pytest.param(1980, "before 1990", id="clock never set"),
+    ],
 )
-def test_a_time_that_cannot_be_is_replaced_by_that_of_arrival(
+def test_an_impossible_time_is_replaced_by_that_of_arrival(
     deliver: Deliver, year: int, note: str
 ) -> None:
-    contents = read_contents(deliver(recording(), time=f"{year}-12-31T23:59:59+00:00"), PUMP, None)
+    file = deliver(recording(), time=f"{year}-12-31T23:59:59+00:00")
+
+    contents = read_contents(file, PUMP, None)
+
     assert contents.time == NOW
     assert note in contents.notes[0]
 
 
-def test_a_tag_holds_for_an_hour_and_the_file_is_read_again_when_it_changed_but_no_half_line(
+def test_a_tag_holds_for_an_hour(tmp_path: Path) -> None:
+    path = tmp_path / "tags.csv"
+    path.write_text("time,speed\n2026-11-23T13:00:00Z,900 rpm\n")
+    tags = Tags(path)
+
+    assert tags.at(NOW) == {"speed": "900 rpm"}
+    assert tags.at(NOW + timedelta(seconds=1)) == {}
+    # Nor does it hold for a time before its own.
+    assert tags.at(NOW - timedelta(hours=2)) == {}
+
+
+def test_tags_are_read_again_after_a_change_but_without_a_line_that_is_half_written(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "tags.csv"
     path.write_text("time,speed\n2026-11-23T13:00:00Z,900 rpm\n")
     tags = Tags(path)
     assert tags.at(NOW) == {"speed": "900 rpm"}
-    assert tags.at(NOW + timedelta(seconds=1)) == tags.at(NOW - timedelta(hours=2)) == {}
-    for line in ("2026-11-23T13:30:00Z,1200\n2026-11-23T13:55:00Z,149", "8"):
+
+    # The other system writes 1498 in two pieces; 149 would be a wrong speed.
+    for text in ("2026-11-23T13:30:00Z,1200\n2026-11-23T13:55:00Z,149", "8"):
         with path.open("a") as file:
-            file.write(line)
+            file.write(text)
         assert tags.at(NOW) == {"speed": "1200.0 rpm"}
-    os.utime(path, (path.stat().st_mtime - 11,) * 2)
+
+    # A file that has stood still for ten seconds is complete, also without a last line break.
+    changed = path.stat().st_mtime - 11
+    os.utime(path, (changed, changed))
     assert tags.at(NOW) == {"speed": "1498.0 rpm"}
-    for text, message in (
-        ("", "must begin with a line"),
-        ("when,speed\n", "must begin with a line"),
-        ("time,speed\nyesterday,5\n", "line 2"),
-        ("time,speed\n2026-11-23,fast\n", "line 2"),
-    ):
-        path.write_text(text)
-        with pytest.raises(DataError, match=message):
-            Tags(path).at(NOW)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        pytest.param("", "must begin with a line", id="empty"),
+        pytest.param("when,speed\n", "must begin with a line", id="no column of times"),
+        pytest.param("time,speed\nyesterday,5\n", "line 2", id="invalid time"),
+        pytest.param("time,speed\n2026-11-23,fast\n", "line 2", id="invalid speed"),
+    ],
+)
+def test_invalid_tags_are_reported_with_the_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "tags.csv"
+    path.write_text(text)
+
+    with pytest.raises(DataError, match=message):
+        Tags(path).at(NOW)

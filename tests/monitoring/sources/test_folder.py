@@ -40,7 +40,6 @@ def take(watch: FolderWatch) -> None:
 
 
 def test_a_file_is_taken_once_it_stands_still(tmp_path: Path, deliveries) -> None:
-
     watch = folder_watch(tmp_path, deliveries, machine="pump-1")
     path = tmp_path / "inbox" / "a.wav"
 

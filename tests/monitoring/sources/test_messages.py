@@ -1,11 +1,13 @@
-"""Messages of a broker: what they may be, and none lost or acknowledged too early."""
+"""Messages of a broker: their format, and that none is lost or acknowledged too early."""
 
 import json
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +17,12 @@ from swashtwin.monitoring.config.settings import MqttSource
 from swashtwin.monitoring.sources.delivery import MAX_RECORDING_BYTES, RejectionError
 from swashtwin.monitoring.sources.message_format import read_message, samples_recording
 from swashtwin.monitoring.sources.mqtt import MqttWatch
-from swashtwin.recordings import ReadOptions
+from swashtwin.recordings import ReadOptions, Recording
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
+TOPIC = "plant/pump-1/vibration"
+# A message that a watch shall not take would come within this time.
+SETTLE_TIME_S = 0.3
 HEADER = {
     "rate": "25.6 kHz",
     "unit": "g",
@@ -25,89 +30,137 @@ HEADER = {
     "type": "float32",
     "speed": "1500 rpm",
 }
+WAVE = np.sin(np.arange(64) / 3).reshape(-1, 2)
 
 
-def block(number: float = 0.0, **changes) -> bytes:
-    samples = np.full((8, 2), number, "<f4")
+def payload_of(samples: np.ndarray, **changes: object) -> bytes:
+    """Return a message of samples, with changes of its header."""
     return json.dumps(HEADER | changes).encode() + b"\n" + samples.tobytes()
 
 
-def test_a_message_states_its_machine_before_its_topic() -> None:
-    delivery, content = read_message(block(machine="pump-9"), "mqtt", NOW, "pump-1")
-    assert (delivery.machine, delivery.problem, len(content)) == ("pump-9", None, 64)
+def message(value: float = 0.0, **changes: object) -> bytes:
+    """Return a message all of whose samples have one value, by which a test knows it again."""
+    return payload_of(np.full((8, 2), value, "<f4"), **changes)
+
+
+def test_a_message_specifies_its_machine_before_its_topic() -> None:
+    delivery, content = read_message(message(machine="pump-9"), "mqtt", NOW, "pump-1")
+
+    assert delivery.machine == "pump-9"
+    assert delivery.problem is None
+    # Facts are text, as an upload specifies them.
     assert delivery.facts == HEADER | {"channels": "x,y"}
+    assert len(content) == 64
 
 
 @pytest.mark.parametrize(
     ("payload", "reason"),
     [
-        (b"", "no line of JSON"),
-        (b"[1]\n", "not a JSON object"),
-        (b"{nonsense}\n", "not valid JSON"),
-        (b'{"a":' * 50_000 + b"\n", "no line of JSON"),
-        (b'{"rate": "25.6 kHz", "unit": "g"}\n', "does not specify channels"),
-        (b'{"rate": 25600, "unit": "g", "channels": ["x"]}\n', "rate"),
-        (b'{"machine": 7, "file": "a.wav"}\n', "machine must be text"),
-        (b'{"file": "", "rate": "25.6 kHz"}\n', "does not specify unit"),
-        (b'{"type": "float16"}\n', "must be one of float32"),
-        (b'{"count": "many"}\n', "number of samples per channel"),
-        ('{"file": "\ud800"}\n'.encode("utf-8", "surrogatepass"), "not valid JSON"),
+        pytest.param(b"", "no line of JSON", id="empty"),
+        pytest.param(b"[1]\n", "not a JSON object", id="list"),
+        pytest.param(b"{nonsense}\n", "not valid JSON", id="not JSON"),
+        # Deep enough to exhaust the stack of a parser, if the line were not too long.
+        pytest.param(b'{"a":' * 50_000 + b"\n", "no line of JSON", id="deeply nested"),
+        pytest.param(
+            b'{"rate": "25.6 kHz", "unit": "g"}\n', "does not specify channels", id="no channels"
+        ),
+        pytest.param(
+            b'{"rate": 25600, "unit": "g", "channels": ["x"]}\n', "rate", id="rate without unit"
+        ),
+        pytest.param(
+            b'{"machine": 7, "file": "a.wav"}\n', "machine must be text", id="machine is a number"
+        ),
+        # Without a file the samples follow, whose facts are needed.
+        pytest.param(
+            b'{"file": "", "rate": "25.6 kHz"}\n', "does not specify unit", id="empty file name"
+        ),
+        pytest.param(b'{"type": "float16"}\n', "must be one of float32", id="unknown type"),
+        pytest.param(
+            b'{"count": "many"}\n', "number of samples per channel", id="count is no number"
+        ),
+        pytest.param(
+            '{"file": "\ud800"}\n'.encode("utf-8", "surrogatepass"), "not valid JSON", id="no UTF-8"
+        ),
     ],
 )
-def test_a_message_that_can_be_no_recording_is_delivered_with_the_reason(
+def test_an_invalid_message_is_delivered_whole_and_with_the_reason(
     payload: bytes, reason: str
 ) -> None:
     delivery, content = read_message(payload, "mqtt", NOW, "pump-1")
+
     assert reason in str(delivery.problem)
     assert content == payload
 
 
-WAVE = np.sin(np.arange(64) / 3).reshape(-1, 2)
+def read_samples(content: bytes, facts: Mapping[str, Any], folder: Path) -> Recording:
+    """Return the recording of the samples of a message, which the spool keeps in a file."""
+    path = folder / "message.f32"
+    path.write_bytes(content)
+    return samples_recording(path, facts, "m", ReadOptions())
 
 
 @pytest.mark.parametrize(
-    ("kind", "scale", "changes", "unit", "factor"),
+    ("samples", "changes", "factor"),
     [
-        ("<f4", 1, {}, "m/s^2", 9.80665),
-        ("<f8", 1, {"type": "float64", "count": 32}, "m/s^2", 9.80665),
-        ("<f4", 1, {"unit": "V", "sensitivity": "100 mV/g"}, "m/s^2", 98.0665),
-        (
-            "<i2",
-            1000,
+        pytest.param(WAVE.astype("<f4"), {}, 9.80665, id="single precision"),
+        pytest.param(
+            WAVE.astype("<f8"), {"type": "float64", "count": 32}, 9.80665, id="double with count"
+        ),
+        pytest.param(
+            WAVE.astype("<f4"),
+            {"unit": "V", "sensitivity": "100 mV/g"},
+            98.0665,
+            id="one sensitivity",
+        ),
+        # Thousandths of g, since an integer would round the wave to nothing.
+        pytest.param(
+            (WAVE * 1000).astype("<i2"),
             {"type": "int16", "unit": "1", "sensitivity": ["1 mg/count", "1 mg/count"]},
-            "m/s^2",
             9.80665,
+            id="counts with a sensitivity for each channel",
         ),
     ],
 )
-def test_a_message_states_type_count_unit_and_sensitivity(
-    tmp_path, kind, scale, changes, unit, factor
+def test_a_message_specifies_type_count_unit_and_sensitivity(
+    tmp_path: Path, samples: np.ndarray, changes: dict[str, object], factor: float
 ) -> None:
-    payload = json.dumps(HEADER | changes).encode() + b"\n" + (WAVE * scale).astype(kind).tobytes()
+    payload = payload_of(samples, **changes)
+
     delivery, content = read_message(payload, "mqtt", NOW, None)
     assert delivery.problem is None
-    (path := tmp_path / "message.f32").write_bytes(content)
-    recording = samples_recording(path, delivery.facts, "m", ReadOptions())
+
+    recording = read_samples(content, delivery.facts, tmp_path)
+    # the resolution of a thousandth, and half a step of rounding
     np.testing.assert_allclose(recording.signal, WAVE.T * factor, atol=2e-3 * factor)
-    assert (recording.unit, recording.channels) == (unit, ("x", "y"))
+    assert recording.unit == "m/s^2"
+    assert recording.channels == ("x", "y")
 
 
 @pytest.mark.parametrize(
-    ("size", "count", "reason"),
+    ("n_lost_bytes", "count", "reason"),
     [
-        (-4, "32", "not a whole number"),
-        (None, "31", "32 float32 samples per channel, but specifies 31"),
+        pytest.param(4, "32", "not a whole number", id="half an instant"),
+        pytest.param(
+            0,
+            "31",
+            "32 float32 samples per channel, but specifies 31",
+            id="other count",
+        ),
     ],
 )
-def test_samples_of_another_number_than_stated_are_refused(tmp_path, size, count, reason) -> None:
-    (path := tmp_path / "message.f32").write_bytes(WAVE.astype("<f4").tobytes()[:size])
+def test_samples_of_another_number_than_specified_are_refused(
+    tmp_path: Path, n_lost_bytes: int, count: str, reason: str
+) -> None:
+    content = WAVE.astype("<f4").tobytes()
     facts = HEADER | {"channels": "x,y", "count": count}
+
     with pytest.raises(RejectionError, match=reason):
-        samples_recording(path, facts, "m", ReadOptions())
+        read_samples(content[: len(content) - n_lost_bytes], facts, tmp_path)
 
 
 @contextmanager
 def watching(broker, deliveries, **settings) -> Iterator[MqttWatch]:
+    """Run a watch of the broker, from when it is connected or fails to the end of the block."""
     source = MqttSource(
         name="mqtt",
         host=broker.host,
@@ -115,8 +168,10 @@ def watching(broker, deliveries, **settings) -> Iterator[MqttWatch]:
         **{"topic": "plant/+/vibration", **settings},
     )
     watch = MqttWatch(source, deliveries.accept, "test-watch")
-    stop = threading.Event()
+    # A watch that has not tried yet has no problem either.
     watch.status.fail("not connected yet")
+
+    stop = threading.Event()
     thread = threading.Thread(target=watch.run, args=(stop,))
     thread.start()
     try:
@@ -128,58 +183,77 @@ def watching(broker, deliveries, **settings) -> Iterator[MqttWatch]:
         assert not thread.is_alive()
 
 
-def names(deliveries) -> list[float]:
+def delivered_values(deliveries) -> list[float]:
     return [float(np.frombuffer(content, "<f4")[0]) for _, content in deliveries.items]
 
 
-def test_messages_of_a_topic_are_recordings_of_its_machine_and_one_too_large_is_listed(
-    broker, deliveries
-) -> None:
+def test_a_message_is_a_recording_of_the_machine_in_its_topic(broker, deliveries) -> None:
     with watching(broker, deliveries):
-        broker.publish("plant/pump-7/vibration", block(3))
-        broker.publish("plant/pump-7/vibration", block() + bytes(MAX_RECORDING_BYTES))
-        wait_for(lambda: len(deliveries.items) == 2)
-    assert names(deliveries)[0] == 3
-    (delivery, _), (large, content) = deliveries.items
-    assert (delivery.machine, large.machine, len(content)) == ("pump-7", "pump-7", 1 << 16)
-    assert f"at most {MAX_RECORDING_BYTES} are taken" in str(large.problem)
+        broker.publish("plant/pump-7/vibration", message(3))
+        wait_for(lambda: deliveries.items)
+
+    ((delivery, _),) = deliveries.items
+    assert delivery.machine == "pump-7"
+    assert delivered_values(deliveries) == [3]
 
 
-def test_messages_that_come_while_the_watch_is_away_are_taken_when_it_is_back(
+def test_of_a_message_that_is_too_large_only_the_beginning_is_delivered(broker, deliveries) -> None:
+    with watching(broker, deliveries):
+        broker.publish("plant/pump-7/vibration", message() + bytes(MAX_RECORDING_BYTES))
+        wait_for(lambda: deliveries.items)
+
+    # It is listed as rejected with its machine; refused without a trace, nobody would look for it.
+    ((delivery, content),) = deliveries.items
+    assert delivery.machine == "pump-7"
+    assert f"at most {MAX_RECORDING_BYTES} are taken" in str(delivery.problem)
+    assert len(content) == 1 << 16
+
+
+def test_messages_sent_between_two_runs_of_the_watch_are_taken_by_the_second(
     broker, deliveries
 ) -> None:
+    # The first run opens the session, for which the broker keeps messages.
     with watching(broker, deliveries):
         pass
-    for number in range(5):
-        broker.publish("plant/pump-1/vibration", block(number))
+
+    for value in range(5):
+        broker.publish(TOPIC, message(value))
     with watching(broker, deliveries):
         wait_for(lambda: len(deliveries.items) == 5)
-    assert names(deliveries) == [0, 1, 2, 3, 4]
+
+    assert delivered_values(deliveries) == [0, 1, 2, 3, 4]
 
 
 def test_a_broker_that_stops_and_starts_loses_nothing(broker, deliveries) -> None:
     with watching(broker, deliveries) as watch:
-        broker.publish("plant/pump-1/vibration", block(1))
+        broker.publish(TOPIC, message(1))
         wait_for(lambda: deliveries.items)
+
         broker.stop()
         wait_for(lambda: watch.status.problem is not None)
+
         broker.start()
-        broker.publish("plant/pump-1/vibration", block(2))
+        broker.publish(TOPIC, message(2))
         wait_for(lambda: len(deliveries.items) == 2)
         wait_for(lambda: watch.status.problem is None)
-    assert names(deliveries) == [1, 2]
+
+    assert delivered_values(deliveries) == [1, 2]
 
 
 def test_a_message_is_acknowledged_only_once_it_is_on_the_disk(broker, deliveries) -> None:
     with watching(broker, deliveries):
         pass
-    broker.publish("plant/pump-1/vibration", block(5))
+    broker.publish(TOPIC, message(5))
+
+    # Twice the disk is full, so twice the broker must send the message again.
     deliveries.failures = 2
     with watching(broker, deliveries) as watch:
         wait_for(lambda: watch.status.received)
+
+    # After the acknowledgment it must not.
     with watching(broker, deliveries):
-        time.sleep(0.3)
-    assert names(deliveries) == [5]
+        time.sleep(SETTLE_TIME_S)
+    assert delivered_values(deliveries) == [5]
 
 
 def test_watches_of_one_group_share_the_messages(broker, deliveries) -> None:
@@ -187,19 +261,24 @@ def test_watches_of_one_group_share_the_messages(broker, deliveries) -> None:
         watching(broker, deliveries, group="plant", client="one") as first,
         watching(broker, deliveries, group="plant", client="two") as second,
     ):
-        for number in range(20):
-            broker.publish("plant/pump-1/vibration", block(number))
+        for value in range(20):
+            broker.publish(TOPIC, message(value))
         wait_for(lambda: len(deliveries.items) == 20)
-        time.sleep(0.2)
+        # A message that both watches got would come a little later.
+        time.sleep(SETTLE_TIME_S)
+
         assert first.status.received
         assert second.status.received
-    assert sorted(names(deliveries)) == list(range(20))
+    assert sorted(delivered_values(deliveries)) == list(range(20))
 
 
 def test_a_retained_message_is_taken_once(broker, deliveries) -> None:
-    broker.publish("plant/pump-1/vibration", block(1), retain=True)
+    # A broker sends it to each new subscription, which a watch makes at each start.
+    broker.publish(TOPIC, message(1), retain=True)
+
     with watching(broker, deliveries) as watch:
         wait_for(lambda: watch.status.received)
     with watching(broker, deliveries):
-        time.sleep(0.3)
-    assert names(deliveries) == [1]
+        time.sleep(SETTLE_TIME_S)
+
+    assert delivered_values(deliveries) == [1]

@@ -1,6 +1,4 @@
-"""Fixtures of the room: a PostgreSQL server, an empty history in each of both databases, a broker,
-a machine.
-"""
+"""A PostgreSQL server, an empty history in each of both databases, a broker and a machine."""
 
 import os
 import shutil
@@ -20,12 +18,11 @@ _NUMBERS = count()
 
 
 class PostgresServer:
-    """A PostgreSQL server of its own in a temporary folder, as user postgres where the tests run as
-    root.
-    """
+    """A PostgreSQL server in a temporary folder."""
 
     def __init__(self, programs: Path) -> None:
         self._programs = programs
+        # PostgreSQL refuses to run as root.
         self._user = "postgres" if os.getuid() == 0 else None
         self.folder = Path(tempfile.mkdtemp(prefix="swashtwin-postgres-"))
         self.port = free_port()
@@ -37,11 +34,13 @@ class PostgresServer:
 
     @property
     def url(self) -> str:
-        """URL of its first database."""
+        """URL of its first database, from which others are created."""
         return f"postgresql://swashtwin@127.0.0.1:{self.port}/postgres"
 
     def start(self) -> None:
         """Start it, and wait until it answers."""
+        # No test cuts the power of the disk, so fsync would only take time. The path of a socket
+        # may be too long in a temporary folder.
         settings = (
             f"-p {self.port} -c listen_addresses=127.0.0.1 -c unix_socket_directories= -c fsync=off"
         )
@@ -57,7 +56,7 @@ class PostgresServer:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def new_database(self) -> str:
-        """URL of a new, empty database."""
+        """Create an empty database, and return its URL."""
         import psycopg
 
         name = f"test_{next(_NUMBERS)}"
@@ -67,6 +66,7 @@ class PostgresServer:
 
     def _run(self, program: str, *arguments: str) -> None:
         command = [str(self._programs / program), *arguments]
+        # A file and not a pipe, which the server would inherit and keep open.
         with (self.folder / f"{program}.txt").open("w+", encoding="utf-8") as output:
             process = subprocess.run(
                 command,
@@ -83,15 +83,21 @@ class PostgresServer:
 
 @pytest.fixture(scope="session")
 def postgres_server() -> Iterator[PostgresServer]:
-    """A running PostgreSQL server, or a skip where it is not installed."""
+    """A running PostgreSQL server; the test is skipped if it is not installed."""
     pytest.importorskip("psycopg", reason="psycopg is not installed")
-    installed = sorted(
+    # Debian installs each version in a folder that is not on the path.
+    programs = sorted(
         Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3])
     )
-    on_path = shutil.which("initdb")
-    if not installed and not on_path:
+    program_on_path = shutil.which("initdb")
+    if programs:
+        newest_program = programs[-1]
+    elif program_on_path:
+        newest_program = Path(program_on_path)
+    else:
         pytest.skip("PostgreSQL is not installed")
-    server = PostgresServer(installed[-1].parent if installed else Path(on_path or "").parent)
+
+    server = PostgresServer(newest_program.parent)
     server.start()
     try:
         yield server
@@ -108,7 +114,10 @@ def postgresql_url(postgres_server: PostgresServer) -> str:
 @pytest.fixture(params=["sqlite", "postgresql"])
 def history_url(request: pytest.FixtureRequest) -> str:
     """URL of an empty database: SQLite (an empty URL), then PostgreSQL."""
-    return "" if request.param == "sqlite" else str(request.getfixturevalue("postgresql_url"))
+    if request.param == "sqlite":
+        return ""
+    # Asked for here, so that SQLite is tested without a server.
+    return str(request.getfixturevalue("postgresql_url"))
 
 
 @pytest.fixture
@@ -121,10 +130,11 @@ def history(history_url: str, tmp_path: Path) -> Iterator[History]:
 
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[Broker]:
-    """A running broker; the test is skipped where mosquitto is not installed."""
+    """A running broker; the test is skipped if mosquitto is not installed."""
     folder = tmp_path / "broker"
     folder.mkdir()
     server = Broker(folder)
+
     server.start()
     yield server
     server.stop()

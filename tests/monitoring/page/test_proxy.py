@@ -29,7 +29,10 @@ pytestmark = [
 @pytest.fixture
 def proxy_port(plant, tmp_path: Path) -> Iterator[int]:
     """Port at which the proxy serves the page by HTTPS."""
-    page_port, port = free_port(), free_port()
+    page_port = free_port()
+    port = free_port()
+
+    # The page is called by the name under which the proxy serves it.
     page = replace(plant.config.page, hosts=("localhost",))
     application = build_watch_page(replace(plant.config, page=page), plant.history)
     environment = os.environ | {
@@ -38,6 +41,8 @@ def proxy_port(plant, tmp_path: Path) -> Iterator[int]:
         "XDG_DATA_HOME": str(tmp_path),
         "XDG_CONFIG_HOME": str(tmp_path),
     }
+
+    # The redirect from HTTP would need port 80, which belongs to root.
     text = CADDYFILE.read_text().replace("admin off", "admin off\n\tauto_https disable_redirects")
     file = tmp_path / "Caddyfile"
     file.write_text(text)
@@ -54,9 +59,11 @@ def proxy_port(plant, tmp_path: Path) -> Iterator[int]:
 @contextmanager
 def connected(port: int) -> Iterator[ssl.SSLSocket]:
     """A connection to the proxy, once it has started."""
+    # The proxy signs a certificate for localhost itself.
     context = ssl.create_default_context()
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE
+
     deadline = time.monotonic() + 30
     while True:
         try:
@@ -70,17 +77,19 @@ def connected(port: int) -> Iterator[ssl.SSLSocket]:
             time.sleep(0.2)
 
 
-def test_the_proxy_passes_requests_on_and_disconnects_a_client_that_sends_half_of_one(
-    proxy_port: int,
-) -> None:
+def test_the_proxy_passes_requests_on(proxy_port: int) -> None:
     with connected(proxy_port) as connection:
         connection.sendall(REQUEST)
         assert connection.recv(1000).startswith(b"HTTP/1.1 200 ")
 
+
+def test_the_proxy_disconnects_a_client_that_sends_half_of_a_request(proxy_port: int) -> None:
     with connected(proxy_port) as connection:
         start = time.monotonic()
         connection.sendall(REQUEST[:30])
         connection.settimeout(60)
         while connection.recv(1000):
             pass
-        assert 5 < time.monotonic() - start < 30  # 15 s by the Caddyfile
+
+        # 15 s by the Caddyfile
+        assert 5 < time.monotonic() - start < 30

@@ -164,7 +164,7 @@ def test_the_command_ends_well_if_the_system_terminates_it(tmp_path: Path) -> No
     try:
         assert process.stdout is not None
         assert "learning 1/20" in process.stdout.readline()
-        # systemd and Docker stop a service so.
+        # the signal of `kill` and of a shutdown
         process.send_signal(signal.SIGTERM)
         out, error = process.communicate(timeout=60)
     finally:

@@ -130,7 +130,7 @@ def test_a_message_specifies_type_count_unit_and_sensitivity(
     assert delivery.problem is None
 
     recording = read_samples(content, delivery.facts, tmp_path)
-    # the resolution of a thousandth, and half a step of rounding
+    # two steps of the integer samples
     np.testing.assert_allclose(recording.signal, WAVE.T * factor, atol=2e-3 * factor)
     assert recording.unit == "m/s^2"
     assert recording.channels == ("x", "y")

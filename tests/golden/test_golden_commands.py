@@ -5,6 +5,7 @@ from golden_commands import COMMANDS, Workspace
 from golden_files import FOLDER, differences, load_golden
 from golden_values import VALUES
 from json_page import PAGE, page_text
+from stored_keys import STORED_KEYS
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -19,7 +20,7 @@ def test_a_command_answers_what_its_golden_file_says(name: str, workspace: Works
 
 
 def test_every_golden_file_is_compared_with_something() -> None:
-    names = {*VALUES, *(f"answer_{name}" for name in COMMANDS)}
+    names = {*VALUES, STORED_KEYS, *(f"answer_{name}" for name in COMMANDS)}
     assert {path.stem for path in FOLDER.glob("*.json")} == names
 
 

@@ -146,16 +146,16 @@ class TomlFile(Tables):
 class Artifact(Tables):
     """A safetensors file of a card and arrays; arrays that the card does not name are keys too."""
 
-    def __init__(self, kind: str, version: int, *, data: tuple[str, ...] = ()) -> None:
+    def __init__(self, kind: str, *, data: tuple[str, ...] = ()) -> None:
         super().__init__(version_key="version", data=(*data, "arrays"))
         self._kind = kind
-        self._version = version
 
     def read(self, path: Path) -> Any:
         with safe_open(path, framework="np") as file:
             header = json.loads(file.metadata()["swashtwin"])
-        card, arrays = read_artifact(path, self._kind, self._version, advice="", may_be_nan=None)
-        return {"version": header["version"], "card": card, "arrays": arrays}
+        version = header["version"]
+        card, arrays = read_artifact(path, self._kind, version, advice="", may_be_nan=None)
+        return {"version": version, "card": card, "arrays": arrays}
 
     def write(self, path: Path, tables: Any) -> None:
         write_artifact(

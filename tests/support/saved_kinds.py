@@ -256,7 +256,6 @@ SAVED_KINDS = {
     "classifier": SavedKind(
         Artifact(
             "classifier",
-            9,
             data=(
                 "card.network.settings",
                 "card.network.weights",
@@ -272,27 +271,25 @@ SAVED_KINDS = {
         "swashtwin train",
     ),
     "prior classifier": SavedKind(
-        Artifact("prior classifier", 2, data=("card.manifest", "card.fault_of")),
+        Artifact("prior classifier", data=("card.manifest", "card.fault_of")),
         write_prior_file,
         PriorClassifier.load,
         "swashtwin twin prior",
     ),
     "anomaly detector": SavedKind(
-        Artifact("anomaly detector", 3, data=("card.healthy.manifest",)),
+        Artifact("anomaly detector", data=("card.healthy.manifest",)),
         write_detector,
         AnomalyDetector.load,
         "swashtwin train",
     ),
     "window set": SavedKind(
-        Artifact("window set", 4, data=("card.content",)),
+        Artifact("window set", data=("card.content",)),
         write_windows,
         load_windows,
         "swashtwin synthesize",
     ),
     "training checkpoint": SavedKind(
-        Artifact(
-            "training checkpoint", 4, data=("card.moments", "card.weights", "card.run.manifest")
-        ),
+        Artifact("training checkpoint", data=("card.moments", "card.weights", "card.run.manifest")),
         write_checkpoint,
         lambda path: train(path, resume=True),
         "delete it|another checkpoint",

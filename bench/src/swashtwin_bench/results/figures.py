@@ -180,6 +180,15 @@ def _draw_curves_of(
         ncols=2,
     )
 
+    table = _list_spreads(study, rows)
+    caption = f"Mean over {plural(len(study.seeds), 'seed')}; bars: one standard deviation."
+    return render_drawing(
+        name, figure, tabulate(table), title=f"Scores by {format_label(factor)}", caption=caption
+    )
+
+
+def _list_spreads(study: StudyResult, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return mean and deviation of each drawn metric of each row."""
     table = []
     for row in rows:
         factors = {name: row[name] for name in study.factors}
@@ -187,10 +196,7 @@ def _draw_curves_of(
             spread = {"mean": row[metric]["mean"], "std": row[metric]["std"]}
             table.append({**factors, "metric": metric, **spread})
 
-    caption = f"Mean over {plural(len(study.seeds), 'seed')}; bars: one standard deviation."
-    return render_drawing(
-        name, figure, tabulate(table), title=f"Scores by {format_label(factor)}", caption=caption
-    )
+    return table
 
 
 def _draw_curve(
@@ -406,17 +412,9 @@ def draw_embedding(study: StudyResult, key: str) -> Drawing:
     max_points = MAX_POINTS if n_lines == 1 else MAX_POINTS // 3
     rows: list[dict[str, Any]] = []
     for ax, run, title in zip(axes.flat, runs, titles, strict=False):
-        features = {name: np.array(values) for name, values in run["features"].items()}
-        selected = _spread_evenly(len(features["label"]), max_points)
-        points = _compute_tsne(features["values"][selected])
-        labels = features["label"][selected]
-        point_splits = features["split"][selected]
-
-        _draw_points(ax, points, labels, point_splits, colors)
+        for point in _draw_features(ax, run["features"], max_points, colors):
+            rows.append({**run["factors"], **point})
         ax.set(title=textwrap.fill(title, 28), xticks=[], yticks=[])
-
-        for (x, y), label, split in zip(points, labels, point_splits, strict=True):
-            rows.append({**run["factors"], "split": split, "label": label, "x": x, "y": y})
 
     marks = [_legend_mark("o", colors[name]) for name in classes]
     marks += [_legend_mark(_SPLIT_MARKERS.get(split, "o"), _SPLIT_COLOR) for split in splits]
@@ -436,14 +434,18 @@ def draw_embedding(study: StudyResult, key: str) -> Drawing:
     )
 
 
-def _draw_points(
-    ax: Axes,
-    points: np.ndarray,
-    labels: np.ndarray,
-    splits: np.ndarray,
-    colors: Mapping[str, str],
-) -> None:
-    """Draw the points of each class in its color, with the marker of their split."""
+def _draw_features(
+    ax: Axes, features: Mapping[str, Any], max_points: int, colors: Mapping[str, str]
+) -> list[dict[str, Any]]:
+    """Draw windows laid out by t-SNE, and return split, label and position of each.
+
+    Each class has its color, each split its marker.
+    """
+    selected = _spread_evenly(len(features["label"]), max_points)
+    labels = np.array(features["label"])[selected]
+    splits = np.array(features["split"])[selected]
+    points = _compute_tsne(np.array(features["values"])[selected])
+
     for name, color in colors.items():
         for split in np.unique(splits):
             is_shown = (labels == name) & (splits == split)
@@ -455,6 +457,11 @@ def _draw_points(
                 alpha=0.75,
                 markeredgewidth=0.3,
             )
+
+    return [
+        {"split": split, "label": label, "x": x, "y": y}
+        for (x, y), label, split in zip(points, labels, splits, strict=True)
+    ]
 
 
 def _legend_mark(marker: str, color: str) -> Line2D:

@@ -250,18 +250,11 @@ def _estimate_under_law(
     inversion.root = inversion.root * max(misfit, 1.0)
     limit = inversion.detection_limit(without_fault)
     if not is_detected:
-        # a fault up to the detection limit could have been missed
-        upper = ends[1]
-        if limit is not None:
-            upper = max(upper, limit)
-        ends = (-math.inf, upper)
+        ends = _ends_of_missed_fault(ends[1], limit)
 
     dimensions = [_estimate_severity(inversion, point, ends, is_detected=is_detected), *further]
     if calibration.is_in_doubt:
-        dimensions = [
-            replace(estimate, verdict="weak") if estimate.verdict == "identified" else estimate
-            for estimate in dimensions
-        ]
+        dimensions = _without_identified(dimensions)
 
     assert recording.condition is not None  # `_select_recordings` excludes those without
     relative_severity = float(point[inversion.severity])
@@ -287,6 +280,24 @@ def _estimate_under_law(
         ),
     )
     return severity, loss
+
+
+def _ends_of_missed_fault(upper: float, limit: float | None) -> tuple[float, float]:
+    """Return the ends of a severity that is not detected.
+
+    A fault up to the detection limit, if there is one, could have been missed.
+    """
+    if limit is not None:
+        upper = max(upper, limit)
+    return -math.inf, upper
+
+
+def _without_identified(dimensions: Sequence[DimensionEstimate]) -> list[DimensionEstimate]:
+    """Return estimates of which none is called identified: the calibration is in doubt."""
+    return [
+        replace(estimate, verdict="weak") if estimate.verdict == "identified" else estimate
+        for estimate in dimensions
+    ]
 
 
 def build_fault_comparison(

@@ -31,6 +31,7 @@ from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
     Manifest,
     Recording,
+    describe_impossible_values,
     find_exact_copies,
     specified_shaft_frequency,
     summarize_recordings,
@@ -223,6 +224,7 @@ class AnomalyDetector(Estimator):
             with recording.loaded():
                 deviation = healthy.deviation(recording)
                 content = recording.content_hashes()
+                doubts = describe_impossible_values(recording)
         except DataError as cause:
             return replace(diagnosis, no_verdict=str(cause))
         if not math.isfinite(deviation.score):
@@ -232,7 +234,7 @@ class AnomalyDetector(Estimator):
             )
             return replace(diagnosis, no_verdict=reason)
 
-        notes = deviation.notes
+        notes = (*deviation.notes, *doubts)
         if find_exact_copies(self.manifest, {recording.recording_id: content}):
             note = "It is one of the detector's healthy recordings, so the answer proves nothing."
             notes = (note, *notes)

@@ -51,6 +51,7 @@ from swashtwin.recordings import (
     Manifest,
     Recording,
     build_manifest,
+    describe_impossible_values,
     find_exact_copies,
     join_manifests,
     specified_pressure,
@@ -378,6 +379,7 @@ class PriorClassifier:
         try:
             with recording.loaded():
                 change, notes = self.change(recording)
+                notes = (*notes, *describe_impossible_values(recording))
                 content = recording.content_hashes()
         except DataError as cause:
             return replace(diagnosis, no_verdict=str(cause))

@@ -1,6 +1,7 @@
 """Names that other rooms import, and where each lives."""
 
 from .channel_checks import count_clipped_samples as count_clipped_samples
+from .channel_checks import describe_impossible_values as describe_impossible_values
 from .channel_checks import require_usable as require_usable
 from .collection import Recordings as Recordings
 from .collection import load_recordings as load_recordings
@@ -30,6 +31,7 @@ from .grouping import name_conditions as name_conditions
 from .grouping import recording_groups as recording_groups
 from .hdf5_store import is_store as is_store
 from .hdf5_store import write_store as write_store
+from .impossible_values import find_outliers as find_outliers
 from .index_editing import FactChange as FactChange
 from .index_editing import change_facts as change_facts
 from .index_reading import INDEX_NAME as INDEX_NAME

@@ -1,11 +1,11 @@
-"""Checks of each channel: missing samples, dead sensors, clipping, dropouts, offsets."""
+"""Checks of each channel: missing and impossible samples, dead sensors, clipping, offsets."""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, plural
 from swashtwin.recordings.channel_statistics import (
     PART_SAMPLES,
     ChannelStatistics,
@@ -43,8 +43,9 @@ def require_usable(recording: Recording) -> None:
     Raises
     ------
     DataError
-        Missing samples, a sample beyond single precision, a constant channel, gaps in time, or less
-        than one revolution if the speed is known.
+        Missing samples or marks of them, a sample beyond single precision, negative numbers stored
+        without their sign, a constant channel, gaps in time, or less than one revolution if the
+        speed is known.
     """
     for finding in find_unusable(recording, compute_channel_statistics(recording)):
         source_name = recording.recording_id
@@ -57,24 +58,11 @@ def find_unusable(
     recording: Recording, statistics: Sequence[ChannelStatistics]
 ) -> Iterator[Finding]:
     """Yield the reasons why nothing can be learned from a recording."""
-    for name, channel in zip(recording.channels, statistics, strict=True):
-        peak = max(channel.maximum, -channel.minimum)
-        if channel.invalid_count:
-            message = (
-                f"{channel.invalid_count} of {recording.n_samples} samples are missing or "
-                f"infinite, the first at {channel.first_invalid / recording.sample_rate:.6g} s; "
-                "cut them out or repair the file."
-            )
-            yield Finding("nan", "error", name, message)
-        elif peak > _MAX_VALUE:
-            message = (
-                f"a sample of {peak:.3g} {recording.unit} is larger than a window can hold "
-                f"({_MAX_VALUE:.2g}); cut it out, or repair the file."
-            )
-            yield Finding("too_large", "error", name, message)
-        elif channel.is_constant:
-            message = f"every sample is {channel.minimum:g}: a dead or unplugged sensor?"
-            yield Finding("constant", "error", name, message)
+    factors = recording.samples.factors
+    for name, channel, factor in zip(recording.channels, statistics, factors, strict=True):
+        finding = _find_unusable_channel(recording, name, channel, factor)
+        if finding is not None:
+            yield finding
 
     if gaps := recording.attributes.get("time_gaps"):
         message = f"the time column has gaps: {gaps}; split the file there."
@@ -90,6 +78,66 @@ def find_unusable(
         yield Finding("short", "error", None, message)
 
 
+def _find_unusable_channel(
+    recording: Recording, name: str, channel: ChannelStatistics, factor: float
+) -> Finding | None:
+    """Return the first reason why nothing can be learned from a channel.
+
+    Parameters
+    ----------
+    factor : by which the numbers of the file were multiplied.
+    """
+    peak = max(channel.maximum, -channel.minimum)
+    marks = [outliers for outliers in channel.outliers if outliers.mark is not None]
+    if channel.invalid_count:
+        message = (
+            f"{channel.invalid_count} of {recording.n_samples} samples are missing or "
+            f"infinite, the first at {channel.first_invalid / recording.sample_rate:.6g} s; "
+            "cut them out or repair the file."
+        )
+        return Finding("nan", "error", name, message)
+    if peak > _MAX_VALUE:
+        message = (
+            f"a sample of {peak:.3g} {recording.unit} is larger than a window can hold "
+            f"({_MAX_VALUE:.2g}); cut it out, or repair the file."
+        )
+        return Finding("too_large", "error", name, message)
+    if channel.is_constant:
+        message = f"every sample is {channel.minimum:g}: a dead or unplugged sensor?"
+        return Finding("constant", "error", name, message)
+    if marks:
+        mark = marks[0].mark or 0.0
+        count = sum(outliers.numbers.size for outliers in marks)
+        in_file = "" if factor == 1 else f" ({mark / factor:.6g} in the file)"
+        message = (
+            f"{count} of {recording.n_samples} samples are exactly {mark:.6g} {recording.unit}"
+            f"{in_file}, {marks[0].times} times as far from the median as usual, the first at "
+            f"{int(marks[0].numbers[0]) / recording.sample_rate:.6g} s: a mark of missing values? "
+            "Cut them out or repair the file."
+        )
+        return Finding("missing", "error", name, message)
+    if channel.wrap_count:
+        message = (
+            f"the samples jump {channel.wrap_count} times from one end of their range to the "
+            f"other ({channel.minimum:.4g} to {channel.maximum:.4g} {recording.unit}), and are "
+            "continuous otherwise: negative numbers that were stored without their sign? Store "
+            "them as signed numbers."
+        )
+        return Finding("wrapped", "error", name, message)
+    return None
+
+
+def describe_impossible_values(recording: Recording) -> tuple[str, ...]:
+    """Return sentences about spikes, and about samples that were made of fewer ones."""
+    sentences = []
+    statistics = compute_channel_statistics(recording)
+    for name, channel in zip(recording.channels, statistics, strict=True):
+        for finding in (_check_spikes(recording, name, channel), _check_made(name, channel)):
+            if finding is not None:
+                sentences.append(f"Channel {name}: {finding.message}")
+    return tuple(sentences)
+
+
 def check_channels(
     recording: Recording, statistics: Sequence[ChannelStatistics]
 ) -> Iterator[Finding]:
@@ -101,7 +149,9 @@ def check_channels(
 
         crowds = [_crowd_size(*extreme) for extreme in channel_counts.tolist()]
         findings = (
-            _check_extremes(recording, name, channel, crowds),
+            _check_extremes(recording, name, channel, crowds)
+            or _check_spikes(recording, name, channel),
+            _check_made(name, channel),
             _check_dropouts(recording, name, channel, is_clipped=any(crowds)),
             _check_offset(recording, name, channel),
         )
@@ -132,10 +182,35 @@ def _check_extremes(
     return Finding("clipping", "warning", name, message)
 
 
+def _check_spikes(recording: Recording, name: str, channel: ChannelStatistics) -> Finding | None:
+    spikes = [outliers for outliers in channel.outliers if outliers.mark is None]
+    if not spikes:
+        return None
+    count = sum(outliers.numbers.size for outliers in spikes)
+    farthest = max(spikes, key=lambda outliers: outliers.ratio)
+    message = (
+        f"{plural(count, 'sample')} of {recording.n_samples} up to {farthest.times} times as far "
+        "from the median as usual, with none between, the first at "
+        f"{int(spikes[0].numbers[0]) / recording.sample_rate:.6g} s: spikes, or the pulses of a "
+        "tachometer?"
+    )
+    return Finding("spikes", "warning", name, message)
+
+
+def _check_made(name: str, channel: ChannelStatistics) -> Finding | None:
+    if not channel.made:
+        return None
+    message = (
+        f"{channel.made}: samples were made of fewer measured ones, and frequencies above half of "
+        "their rate are not measured."
+    )
+    return Finding("made", "warning", name, message)
+
+
 def _check_dropouts(
     recording: Recording, name: str, channel: ChannelStatistics, *, is_clipped: bool
 ) -> Finding | None:
-    stretches = channel.stretches
+    stretches = [] if channel.made else channel.stretches
     if is_clipped:  # flat stretches at the extremes are the clipping
         extremes = (channel.minimum, channel.maximum)
         stretches = [

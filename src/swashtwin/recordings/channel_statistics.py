@@ -1,11 +1,23 @@
-"""Range, mean, standard deviation and flat stretches of each channel, computed in parts."""
+"""Range, mean, standard deviation, flat stretches and impossible values of each channel.
+
+They are computed in parts.
+"""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from swashtwin.recordings.impossible_values import (
+    Outliers,
+    describe_made_samples,
+    find_outliers,
+    find_wraps,
+    may_have_outliers,
+    spread_samples,
+)
 from swashtwin.recordings.recording import Recording
 
 PART_SAMPLES = 1 << 22
@@ -33,7 +45,7 @@ class FlatStretch(NamedTuple):
 
 
 class ChannelStatistics:
-    """Range, mean, variance and flat stretches of a channel.
+    """Range, mean, variance, flat stretches and impossible values of a channel.
 
     Parameters
     ----------
@@ -54,6 +66,14 @@ class ChannelStatistics:
         self._squares = 0.0
         """Sum of the squared deviations from the mean."""
         self.stretches: list[FlatStretch] = []
+        self.outliers: tuple[Outliers, ...] = ()
+        """Spikes and marks of missing values, of each part that has some."""
+        self.wrap_count = 0
+        """Jumps at the beginning by which numbers lost their sign."""
+        self.made = ""
+        """How the samples were made of fewer ones, or empty."""
+        self._spread: list[Float[np.ndarray, " sample"]] = []
+        """Some samples of each part."""
 
     def add(self, row: Float[np.ndarray, " time"], position: int) -> None:
         """Add the samples from number `position` on."""
@@ -67,7 +87,17 @@ class ChannelStatistics:
         if not math.isfinite(row.min() + row.max()):
             row = self._without_invalid(row, position)
         if row.size:
+            if position == 0:
+                self.wrap_count = find_wraps(row)
+                self.made = describe_made_samples(row)
+            self._spread.append(spread_samples(row))
             self._add_finite(row)
+
+    def may_have_outliers(self) -> bool:
+        """Return whether `find_outliers` may find something, by some samples; forget these."""
+        samples = np.concatenate(self._spread or [np.empty(0)])
+        self._spread.clear()
+        return may_have_outliers(samples, self.minimum, self.maximum)
 
     def _without_invalid(
         self, row: Float[np.ndarray, " time"], position: int
@@ -123,7 +153,24 @@ def compute_channel_statistics(recording: Recording) -> list[ChannelStatistics]:
         signal = recording.samples.signal_part(start, start + PART_SAMPLES)
         for channel, row in zip(statistics, signal, strict=True):
             channel.add(row, start)
+
+    suspects = [index for index, channel in enumerate(statistics) if channel.may_have_outliers()]
+    if suspects:
+        _add_outliers(recording, statistics, suspects)
     return statistics
+
+
+def _add_outliers(
+    recording: Recording, statistics: Sequence[ChannelStatistics], suspects: Sequence[int]
+) -> None:
+    """Search some channels for outliers, part by part."""
+    for start in range(0, recording.n_samples, PART_SAMPLES):
+        signal = recording.samples.signal_part(start, start + PART_SAMPLES)
+        for index in suspects:
+            outliers = find_outliers(signal[index])
+            if outliers is not None:
+                outliers = outliers._replace(numbers=outliers.numbers + start)
+                statistics[index].outliers += (outliers,)
 
 
 def find_runs(

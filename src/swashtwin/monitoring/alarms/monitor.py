@@ -379,8 +379,9 @@ class OperatingPointMonitor:
             state = OperatingPointState.initial(recording, sensor)
 
         findings = check_sensors(recording)
-        if any(finding.kind == "flat" for finding in findings):
-            # A flat channel has no band powers.
+        if any(finding.kind in ("flat", "spikes") for finding in findings):
+            # A flat channel has no band powers, and those of one with marks of missing values are
+            # refused.
             return _judge_faulty_sensor(state, findings, {})
 
         band_powers = state.baseline.measure(recording)

@@ -11,8 +11,14 @@ import numpy as np
 import scipy
 from jaxtyping import Float, Float64
 
+from swashtwin.foundation import plural
 from swashtwin.monitoring.alarms.baseline import LARGE_CHANGE_SPREADS, OperatingPointBaseline
-from swashtwin.recordings import Recording, count_clipped_samples, specified_shaft_frequency
+from swashtwin.recordings import (
+    Recording,
+    count_clipped_samples,
+    find_outliers,
+    specified_shaft_frequency,
+)
 
 # All limits are chosen so that less than one healthy recording in 1,000 has a finding; the table in
 # docs/how-to/alarms.md lists them, and the study `alarms` measured 0 of 5,200 healthy recordings.
@@ -25,10 +31,6 @@ MIN_FLAT_TIME_S = 2e-3
 """Minimum duration of a stretch that counts as flat."""
 SATURATED_SHARE = 1e-3
 """Share of the samples in a row at an extreme from which on a channel is saturated."""
-SPIKE_RATIO = 1e4
-"""Largest deviation from the median, over the median deviation, that no vibration reaches: single
-samples are wrong.
-"""
 LOOSE_SHARE = 0.5
 """Share of a channel's power below the frequency of the shaft from which on a plug or a cable is
 loose.
@@ -119,13 +121,14 @@ def _check_channel(
             "flat", name, f"channel {name} does not move in {flat_share:.0%} of the recording."
         )
 
-    spike_ratio = _spike_ratio(row)
-    if spike_ratio >= SPIKE_RATIO:
+    outliers = find_outliers(row)
+    if outliers is not None:
+        kind = "spikes" if outliers.mark is None else f"all {outliers.mark:.6g}, missing values"
         return SensorFinding(
             "spikes",
             name,
-            f"channel {name} has single samples {spike_ratio:.1g} times as far from the median as "
-            "the others: spikes.",
+            f"channel {name} has {plural(outliers.numbers.size, 'sample')} up to {outliers.times} "
+            f"times as far from the median as the others: {kind}.",
         )
 
     clipped_share = count_clipped_samples(row) / row.size
@@ -153,15 +156,6 @@ def _flat_share(row: Float[np.ndarray, " time"], length: int) -> float:
     if not blocks.size:
         return 0.0
     return float(np.mean(blocks.min(axis=1) == blocks.max(axis=1)))
-
-
-def _spike_ratio(row: Float[np.ndarray, " time"]) -> float:
-    """Return the largest over the median deviation; 0 if half of the samples are equal."""
-    deviation = np.abs(row.astype(np.float64) - float(np.median(row)))
-    median_deviation = float(np.median(deviation))
-    if median_deviation == 0:
-        return 0.0
-    return float(deviation.max()) / median_deviation
 
 
 def _slow_share(row: Float[np.ndarray, " time"], turn_length: int) -> float:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import Body, Depends, FastAPI, HTTPException, Request
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.middleware import Middleware
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.staticfiles import StaticFiles
@@ -18,7 +17,14 @@ from swashtwin.explorer.diagnoses import Diagnoses
 from swashtwin.explorer.recording_views import RecordingViews
 from swashtwin.explorer.twins import TwinWorkbench
 from swashtwin.explorer.workspace import FACTS, Workspace
-from swashtwin.foundation import VERSION, InputError, SwashTwinError, json_text, to_table
+from swashtwin.foundation import (
+    VERSION,
+    InputError,
+    SwashTwinError,
+    json_text,
+    load_templates,
+    to_table,
+)
 from swashtwin.monitoring import Access, Guard, PageSettings, serving_page
 from swashtwin.recordings import FactChange
 
@@ -62,14 +68,8 @@ def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
 
 
 def _add_page(application: FastAPI, token: str) -> None:
-    environment = Environment(
-        loader=PackageLoader("swashtwin.explorer"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    html = environment.get_template("explorer.html.jinja").render(version=VERSION, token=token)
+    templates = load_templates("swashtwin.explorer")
+    html = templates.get_template("explorer.html.jinja").render(version=VERSION, token=token)
 
     @application.get("/", response_class=HTMLResponse)
     def page() -> str:

@@ -12,9 +12,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import Template
 
-from swashtwin.foundation import csv_text, escape_controls
+from swashtwin.foundation import csv_text, escape_controls, load_templates
 from swashtwin.pump import propose_class
 
 if TYPE_CHECKING:
@@ -227,14 +227,7 @@ class Cutaway:
 @cache
 def load_template(name: str) -> Template:
     """Return a template of this folder."""
-    environment = Environment(
-        loader=PackageLoader("swashtwin.report", ""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(name)
+    return load_templates("swashtwin.report", "").get_template(name)
 
 
 def render_cutaway(label: str, pistons: int | None = None, shaft: float | None = None) -> str:

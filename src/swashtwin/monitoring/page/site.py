@@ -10,11 +10,11 @@ from typing import Any, TypeAlias, TypeVar
 from urllib.parse import quote, urlencode
 
 from fastapi import HTTPException
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
 
-from swashtwin.foundation import VERSION
+from swashtwin.foundation import VERSION, load_templates
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.reading import MachineOverview
@@ -125,13 +125,7 @@ def _require(row: Row | None, name: str) -> Row:
 
 @cache
 def _templates() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("swashtwin.monitoring.page"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = load_templates("swashtwin.monitoring.page")
     environment.filters["segment"] = _quote_segment
     environment.globals.update(
         version=VERSION,

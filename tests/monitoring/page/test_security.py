@@ -18,10 +18,11 @@ from starlette.testclient import TestClient
 from swashtwin.foundation import DataError, InputError
 from swashtwin.monitoring.config.settings import PageSettings
 from swashtwin.monitoring.page import sessions
+from swashtwin.monitoring.page import throttle as throttle_module
 from swashtwin.monitoring.page import users as users_module
 from swashtwin.monitoring.page.sessions import COOKIE, Access
 from swashtwin.monitoring.page.site import local_path
-from swashtwin.monitoring.page.throttle import FREE_ATTEMPTS, Throttle
+from swashtwin.monitoring.page.throttle import FREE_ATTEMPTS, Origin, Throttle
 from swashtwin.monitoring.page.users import UserFile, add_token, add_user, remove_entry
 from swashtwin.monitoring.page.watch_page import build_watch_page
 
@@ -304,21 +305,75 @@ def test_the_wait_doubles_and_ends() -> None:
 
     now = [0.0]
     throttle = Throttle(clock=lambda: now[0])
-    assert [throttle.attempt("a") for _ in range(FREE_ATTEMPTS)] == [0] * FREE_ATTEMPTS
+    origin = Origin("192.0.2.7", "ada")
+    a, b = origin.keys
+    assert [throttle.attempt(origin, a) for _ in range(FREE_ATTEMPTS)] == [0] * FREE_ATTEMPTS
 
-    first_wait = throttle.attempt("a")
+    first_wait = throttle.attempt(origin, a)
     assert first_wait > 0
 
     now[0] += first_wait
-    assert throttle.attempt("a") == 0
-    assert throttle.wait("a") == 2 * first_wait
-    assert throttle.wait("b") == 0
+    assert throttle.attempt(origin, a) == 0
+    assert throttle.wait(a) == 2 * first_wait
+    assert throttle.wait(b) == 0
 
     now[0] += 2 * first_wait
-    assert throttle.wait("a", "b") == 0
+    assert throttle.wait(a, b) == 0
 
-    throttle.succeed("a")
-    assert throttle.attempt("a") == throttle.wait("a") == 0
+    throttle.succeed(origin)
+    assert throttle.attempt(origin, a) == throttle.wait(a) == 0
+
+
+def test_a_right_password_forgets_the_wrong_ones_of_the_same_person_at_the_same_address() -> None:
+    throttle = Throttle(clock=lambda: 0.0)
+    ada = Origin("192.0.2.7", "ada")
+    stranger = Origin("192.0.2.66", "ada")
+    for origin in (ada, ada, stranger, stranger, ada):
+        assert throttle.attempt(origin, *origin.keys) == 0
+    assert throttle.wait(*ada.keys) > 0
+
+    throttle.succeed(ada)
+
+    # two guesses of the stranger remain under the name, none under the address of Ada
+    free_attempts = 0
+    while throttle.attempt(stranger, *stranger.keys) == 0:
+        free_attempts += 1
+    assert free_attempts == FREE_ATTEMPTS - 2
+    assert throttle.wait(ada.keys[0]) == 0
+
+
+@pytest.mark.parametrize("guesses_per_login", [1, 4])
+@pytest.mark.parametrize("is_familiar", [False, True], ids=["stranger", "shared address"])
+@pytest.mark.parametrize("names", [1, 60], ids=["one name", "many names"])
+def test_logins_of_his_own_give_an_attacker_no_further_guesses(
+    guarded: TestClient,
+    users: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    names: int,
+    is_familiar: bool,
+    guesses_per_login: int,
+) -> None:
+    # the first wait must not end during the test
+    monkeypatch.setattr(throttle_module, "FIRST_WAIT_S", throttle_module.MAX_WAIT_S)
+    add_user(users, "mallory", PASSWORD)
+    targets = ["ada"]
+    for number in range(1, names):
+        targets.append(f"person-{number}")
+        add_user(users, targets[-1], PASSWORD)
+    if is_familiar:
+        # Ada has logged in from the same address before, such as behind the same router
+        assert log_in(guarded).status_code == 303
+
+    codes = []
+    for number in range(60):
+        target = targets[number % names]
+        codes.append(log_in(guarded, f"guess {number}", target).status_code)
+        if number % guesses_per_login == 0:
+            log_in(guarded, PASSWORD, "mallory")
+
+    n_checked = codes.count(403)
+    assert n_checked < FREE_ATTEMPTS
+    assert codes[n_checked:] == [429] * (60 - n_checked)
 
 
 def test_guesses_at_the_same_time_get_no_more_attempts_than_guesses_in_turn(

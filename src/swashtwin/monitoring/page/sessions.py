@@ -18,7 +18,7 @@ from starlette.responses import Response
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.config.settings import PageSettings
-from swashtwin.monitoring.page.throttle import Throttle, drop_oldest
+from swashtwin.monitoring.page.throttle import Origin, Throttle, drop_oldest
 from swashtwin.monitoring.page.users import UserFile, digest
 
 COOKIE = "swashtwin_visit"
@@ -69,7 +69,7 @@ class Access:
         self._throttle = Throttle()
         self._form_key = secrets.token_bytes(32)
         self._sessions: OrderedDict[str, _Session] = OrderedDict()
-        self._familiar: OrderedDict[tuple[str, str], None] = OrderedDict()
+        self._familiar: OrderedDict[Origin, None] = OrderedDict()
         """Addresses from which a person has logged in. Only the address is slowed down there, so
         that strangers who guess passwords cannot lock that person out.
         """
@@ -107,22 +107,22 @@ class Access:
         if self.users is None:
             return 0
 
-        address = self._address(request)
-        person = digest(name)
-        keys = [f"address {address}"]
-        if (address, person) not in self._familiar:
-            keys.append(f"name {person}")
+        origin = Origin(self._address(request), digest(name))
+        by_address, by_name = origin.keys
+        keys = [by_address]
+        if origin not in self._familiar:
+            keys.append(by_name)
 
         # The attempt is counted before the slow check, so that parallel guesses are counted too.
-        wait = self._throttle.attempt(*keys)
+        wait = self._throttle.attempt(origin, *keys)
         if wait:
             return wait
         mark = self.users.checked_mark(name, password)
         if mark is None:
             return self._throttle.wait(*keys)
 
-        self._throttle.succeed(*keys)
-        return self._start_session(name, mark, (address, person))
+        self._throttle.succeed(origin)
+        return self._start_session(name, mark, origin)
 
     def logout(self, request: HTTPConnection) -> None:
         """End the session of a request."""
@@ -161,7 +161,7 @@ class Access:
         forwarded = ",".join(request.headers.getlist("x-forwarded-for"))
         return forwarded.rpartition(",")[2].strip() or address
 
-    def _start_session(self, name: str, mark: str, origin: tuple[str, str]) -> str:
+    def _start_session(self, name: str, mark: str, origin: Origin) -> str:
         session_id = secrets.token_urlsafe(32)
         now = time.monotonic()
         session = _Session(name, mark, now + MAX_SESSION_SECONDS, now + SESSION_SECONDS)

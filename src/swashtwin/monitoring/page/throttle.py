@@ -4,8 +4,8 @@ import math
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 FREE_ATTEMPTS = 5
 """Wrong passwords in a row before the first wait."""
@@ -21,8 +21,33 @@ _MAX_DOUBLINGS = 20
 _MAX_KEYS = 10_000
 
 
+class Origin(NamedTuple):
+    """Who attempts to log in, and from where."""
+
+    address: str
+    """Address that the attempt comes from."""
+    person: str
+    """Digest of the name that was typed."""
+
+    @property
+    def keys(self) -> tuple[str, str]:
+        """Keys under which wrong passwords are counted: the address, and the name."""
+        return f"address {self.address}", f"name {self.person}"
+
+
+class _Failures(NamedTuple):
+    total: int
+    """Wrong passwords."""
+    failed_at: float
+    """Time of the last one [s]."""
+
+
 class Throttle:
-    """Waits between attempts to log in, by key, such as an address or a user's name.
+    """Waits between attempts to log in, by address and by name.
+
+    Failures are kept by origin under each key: a right password forgets what was typed under the
+    same name at the same address, and nothing else. Otherwise somebody with a login could guess
+    the passwords of others without end, by a login of his own after every few guesses.
 
     Parameters
     ----------
@@ -31,14 +56,18 @@ class Throttle:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._failures: OrderedDict[str, tuple[int, float]] = OrderedDict()
+        self._failures: OrderedDict[str, dict[Origin, _Failures]] = OrderedDict()
         self._lock = threading.Lock()
 
-    def attempt(self, *keys: str) -> int:
+    def attempt(self, origin: Origin, *keys: str) -> int:
         """Start an attempt, and return 0; or return the seconds to wait before the next one.
 
         An attempt counts as wrong until `succeed`. Guesses that arrive together therefore cannot
         all pass before the first of them is counted.
+
+        Parameters
+        ----------
+        keys : those of `origin` under which the attempt counts.
         """
         now = self._clock()
         with self._lock:
@@ -47,10 +76,12 @@ class Throttle:
                 return wait
 
             for key in keys:
-                count, failed_at = self._failures.pop(key, (0, now))
-                if now - failed_at >= MAX_WAIT_S:
-                    count = 0
-                self._failures[key] = (count + 1, now)
+                failures = self._failures.pop(key, {})
+                if now - _last_failure(failures) >= MAX_WAIT_S:
+                    failures = {}
+                count = failures[origin].total if origin in failures else 0
+                failures[origin] = _Failures(count + 1, now)
+                self._failures[key] = failures
 
             drop_oldest(self._failures, _MAX_KEYS)
             return 0
@@ -60,23 +91,31 @@ class Throttle:
         with self._lock:
             return self._wait(keys, self._clock())
 
-    def succeed(self, *keys: str) -> None:
-        """Forget the failures under each key."""
+    def succeed(self, origin: Origin) -> None:
+        """Forget the failures of an origin; those of others under the same keys remain."""
         with self._lock:
-            for key in keys:
-                self._failures.pop(key, None)
+            for key in origin.keys:
+                failures = self._failures.get(key, {})
+                failures.pop(origin, None)
+                if not failures:
+                    self._failures.pop(key, None)
 
     def _wait(self, keys: tuple[str, ...], now: float) -> int:
         waits = [math.ceil(self._blocked_until(key, now) - now) for key in keys]
         return max(0, *waits)
 
     def _blocked_until(self, key: str, now: float) -> float:
-        count, failed_at = self._failures.get(key, (0, -math.inf))
+        failures = self._failures.get(key, {})
+        count = sum(failure.total for failure in failures.values())
         if count < FREE_ATTEMPTS:
             return now
 
         doublings = min(count - FREE_ATTEMPTS, _MAX_DOUBLINGS)
-        return failed_at + min(FIRST_WAIT_S * 2.0**doublings, MAX_WAIT_S)
+        return _last_failure(failures) + min(FIRST_WAIT_S * 2.0**doublings, MAX_WAIT_S)
+
+
+def _last_failure(failures: Mapping[Origin, _Failures]) -> float:
+    return max((failure.failed_at for failure in failures.values()), default=-math.inf)
 
 
 def drop_oldest(entries: OrderedDict[Any, Any], max_count: int) -> None:

@@ -29,6 +29,12 @@ _ATTRIBUTE_NOTES = (
     ("blank_columns", "left_out", "columns that are blank were skipped: "),
     ("counter_columns", "left_out", "columns that count the samples were skipped: "),
     ("clock_columns", "left_out", "columns without a unit that rise evenly were read as time: "),
+    (
+        "batch_columns",
+        "clock",
+        "the specified sample rate counts: these times were written in batches, and nothing is "
+        "lost: ",
+    ),
     ("other_columns", "left_out", "columns of other quantities than vibration were skipped: "),
     ("contradicted", "contradicted", ""),
 )

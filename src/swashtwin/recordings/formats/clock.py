@@ -7,7 +7,9 @@ file holds one after the other.
 import math
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,18 +17,21 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError, propose_setting
+from swashtwin.foundation import DataError, UnitError, parse_quantity, propose_setting
 from swashtwin.recordings.columns import Column, slice_column
 from swashtwin.recordings.formats.headings import split_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
+from swashtwin.recordings.formats.row_sets import separate_rows, trim_short_pairs
 from swashtwin.recordings.formats.sample_units import normalize_unit
 from swashtwin.recordings.formats.time_column import (
     MAX_RATE_ERROR,
     MEDIAN_SAMPLES,
     NO_UNIT,
     find_restarts,
+    is_batched,
     read_time_column,
     read_times,
+    unwrap_counter,
 )
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
@@ -81,6 +86,8 @@ class _Clock:
     """Sample rate [Hz], or None if the times do not show it."""
     problem: str
     """What is wrong with the times, or empty."""
+    is_overruled: bool = False
+    """Whether the specified rate counts, since the times were written in batches."""
 
 
 def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
@@ -92,11 +99,18 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
     If a clock states no rate, the attribute ``time_gaps`` says why. If a clock begins again,
     another recording begins.
     """
+    raw = trim_short_pairs(raw, lambda name: match_time_name(name) is not None)
     clock_names = _find_clocks(path, raw, options)
+    if len(clock_names) == 1:
+        (clock_name,) = clock_names
+        unit = _clock_unit(path, raw, clock_name, options)
+        raw = separate_rows(raw, clock_name, partial(read_time_column, path, unit=unit))
+        clock_names = [clock_name] if clock_name in raw.columns else []
+
     clocks: dict[str, _Clock] = {}
     for name in clock_names:
         unit = _clock_unit(path, raw, name, options)
-        clocks[name] = _Clock(unit, *read_time_column(path, raw.columns[name], unit))
+        clocks[name] = _read_clock(path, raw.columns[name], unit, options)
 
     counters = _find_counters(raw, clock_names)
     signals = {
@@ -128,6 +142,7 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
     for key, texts, separator in (
         ("clock_columns", guessed_clocks, ", "),
         ("counter_columns", counters, ", "),
+        ("batch_columns", [name for name in clocks if clocks[name].is_overruled], ", "),
         ("time_gaps", problems, "; "),
     ):
         if texts:
@@ -143,6 +158,28 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
         rates=_of_columns(rates, signals),
         starts=_of_columns(starts, signals),
     )
+
+
+def _read_clock(path: Path, column: Column, unit: float | None, options: ReadOptions) -> _Clock:
+    """Return the rate that a clock shows, or the specified one if its times agree in batches."""
+    clock = None
+    error = None
+    try:
+        clock = _Clock(unit, *read_time_column(path, column, unit))
+    except DataError as cause:
+        error = cause
+    if clock is not None and clock.rate is not None and not clock.problem:
+        return clock
+
+    if options.sample_rate is not None:
+        with suppress(UnitError):
+            rate = parse_quantity(options.sample_rate, "Hz")
+            if rate > 0 and is_batched(read_times(column, unit or 1.0), 1 / rate):
+                return _Clock(unit, rate, "", is_overruled=True)
+    if error is not None:
+        raise error
+    assert clock is not None
+    return clock
 
 
 def _of_columns(values: Mapping[str, Any], columns: Mapping[str, Column]) -> dict[str, Any]:
@@ -368,7 +405,7 @@ def _is_clock(raw: RawFile, name: str, *, may_count: bool = False) -> bool:
     if len(column) < _MIN_CLOCK_SAMPLES or same_length < 2:
         return False
 
-    head = _read_head(column)
+    head = unwrap_counter(_read_head(column))
     steps = np.diff(head)
     median_step = float(np.median(steps))
     is_even = np.abs(steps - median_step) <= 0.5 * median_step
@@ -382,7 +419,9 @@ def _is_clock(raw: RawFile, name: str, *, may_count: bool = False) -> bool:
         return False
 
     sparse = np.asarray(column[0 :: 1 + len(column) // MEDIAN_SAMPLES], dtype=np.float64)
-    return bool((np.diff(sparse) > 0).all())
+    if (np.diff(sparse) > 0).all():
+        return True
+    return bool((np.diff(read_times(column, 1.0)) > 0).all())
 
 
 def _read_head(column: Column) -> Float[np.ndarray, " time"]:

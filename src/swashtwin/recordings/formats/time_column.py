@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError, render_settings
+from swashtwin.foundation import DataError, propose_setting, render_settings, spell_for_index
 from swashtwin.recordings.columns import BLOCK_SAMPLES, Column
 from swashtwin.recordings.formats.raw_file import snap_rate
 
@@ -36,6 +36,17 @@ _DIGIT_SAMPLES = 1000
 
 # Relative distance from the median within which a step counts as one sample.
 _REGULAR_BAND = 0.25
+
+# Sizes of counters that begin again, and the powers of ten by which their numbers may be divided.
+_COUNTER_SIZES = (2.0**16, 2.0**24, 2.0**32)
+_COUNTER_DIVISORS = (1.0, 1e3, 1e6, 1e9)
+
+# Steps that are too long from which on times may be written in batches.
+_MIN_BATCHES = 8
+
+# Time that steps are too long in all, of which this share may remain at the end: times of batches
+# are made up for, lost samples are not.
+_MAX_REMAINING_SHARE = 0.2
 
 
 def read_time_column(
@@ -81,6 +92,8 @@ def read_time_column(
 def read_times(column: Column, unit: float) -> Float[np.ndarray, " time"]:
     """Return the times of a column [s]; times since 1970 are returned since the first.
 
+    A counter that begins again after its last number goes on (`unwrap_counter`).
+
     Parameters
     ----------
     unit : seconds of one unit of the column.
@@ -89,12 +102,71 @@ def read_times(column: Column, unit: float) -> Float[np.ndarray, " time"]:
         np.asarray(column[start : start + BLOCK_SAMPLES])
         for start in range(0, len(column), BLOCK_SAMPLES)
     ]
-    counts = np.concatenate(blocks or [np.empty(0)])
+    counts = unwrap_counter(np.concatenate(blocks or [np.empty(0)]))
 
     # Before the conversion to floating point, which would round the steps.
     if counts.size and abs(float(counts[0]) * unit) > _EPOCH_THRESHOLD_S:
         counts = counts - counts[0]
     return np.asarray(counts, dtype=np.float64) * unit
+
+
+def unwrap_counter(counts: np.ndarray) -> np.ndarray:
+    """Return the numbers of a counter as if it had not begun again after its last number.
+
+    The last number is that of 16, 24 or 32 bits, or a thousandth, a millionth, ... of it. One step
+    must lie between the last and the next number. Otherwise the numbers are returned unchanged:
+    another recording begins.
+
+    Examples
+    --------
+    >>> unwrap_counter(np.array([65000, 65300, 64, 364]))
+    array([65000, 65300, 65600, 65900])
+    """
+    numbers = counts.astype(np.float64)
+    steps = np.diff(numbers)
+    falls = np.flatnonzero(steps < 0)
+    rises = steps[steps > 0]
+    if not falls.size or not rises.size or not np.isfinite(numbers).all():
+        return counts
+
+    usual_step = float(np.median(rises))
+    span = numbers.max() - numbers.min()
+    restarts_alike = numbers[falls[0] + 1] == numbers[0]
+    for divisor in _COUNTER_DIVISORS:
+        for size in _COUNTER_SIZES:
+            # Blocks of 65536 samples are as likely as a counter of samples that begins again.
+            if span >= size / divisor or (restarts_alike and usual_step * divisor == 1):
+                continue
+            missing_steps = steps[falls] + size / divisor
+            if (np.abs(missing_steps - usual_step) < 0.5 * usual_step).all():
+                is_integer = counts.dtype.kind in "iu" and divisor == 1
+                period = int(size) if is_integer else size / divisor
+                n_wraps = np.zeros(len(counts), np.int64)
+                n_wraps[falls + 1] = 1
+                kind = np.int64 if is_integer else np.float64
+                return counts.astype(kind) + period * np.cumsum(n_wraps)
+    return counts
+
+
+def is_batched(time: Float[np.ndarray, " time"], sample_step: float) -> bool:
+    """Return whether times [s] are those of even steps, written in batches.
+
+    Steps are often too long, and others make up for it. If samples were lost, nothing does.
+
+    Parameters
+    ----------
+    sample_step : time between two samples [s].
+    """
+    if time.size < 3 or not np.isfinite(time).all():
+        return False
+    steps = np.diff(time)
+    excess = steps - sample_step
+    too_long = excess[excess > 0.5 * sample_step]
+    if too_long.size < _MIN_BATCHES:
+        return False
+    # The last batch may be incomplete.
+    max_remainder = min(1.5 * steps.max(), _MAX_REMAINING_SHARE * too_long.sum())
+    return abs(float(excess.sum())) <= max_remainder
 
 
 def find_restarts(time: Float[np.ndarray, " time"]) -> list[int]:
@@ -170,7 +242,11 @@ def _rate(
 
     if median_step <= 0:
         raise DataError(
-            f"{path}: most steps of the time column are zero or negative; name another time_column."
+            f"{path}: most steps of the time column are zero or negative.",
+            field="sample_rate",
+            remedy="If its times were written in batches, set the sample rate, such as "
+            f"{propose_setting('sample_rate', f'{1 / mean_step:.6g} Hz')} (their mean); or name "
+            "another {time_column}.",
         )
     regular_steps = steps[np.abs(steps - median_step) < _REGULAR_BAND * median_step]
     tolerance = 4 * quantum / (median_step * len(regular_steps))
@@ -229,7 +305,16 @@ def _describe_spacing(
         return f"steps drift between {steps.min():.6g} s and {steps.max():.6g} s"
 
     worst = int(deviation.argmax())
-    return (
+    description = (
         f"{irregular_count} of {len(steps)} steps differ from the usual {regular_step:.6g} s; "
         f"the worst is {steps[worst]:.6g} s at {time[worst]:.6g} s"
     )
+    mean_rate = len(steps) / (time[-1] - time[0])
+    if irregular_count >= _MIN_BATCHES and is_batched(time, 1 / mean_rate):
+        advice = propose_setting("sample_rate", f"{mean_rate:.5g} Hz")
+        description += "; " + render_settings(
+            f"if the times were written in batches, set {advice} (their mean) or what it is; "
+            "else samples were lost",
+            spell_for_index,
+        )
+    return description

@@ -9,6 +9,7 @@ from pathlib import Path
 from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError
 from swashtwin.recordings.formats.isolation import read_in_subprocess
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, require_plausible_rates
+from swashtwin.recordings.formats.signatures import describe_content, require_content
 
 Reader = Callable[[Path, ReadOptions], RawFile]
 """Reads a file with the options of its index entry."""
@@ -142,6 +143,7 @@ def _find_reader(path: Path) -> Reader:
         module = FORMAT_MODULES[suffix]
 
         def read_isolated(path: Path, options: ReadOptions) -> RawFile:
+            require_content(path, module)
             return read_in_subprocess(module, path, options)[""]
 
         return read_isolated
@@ -150,8 +152,10 @@ def _find_reader(path: Path) -> Reader:
         for point in entry_points(group=_ENTRY_POINTS, name=suffix[1:]):
             register_format(suffix, point.load())
     if suffix not in _registered_readers:
+        kind, remedy = describe_content(path)
         raise DataError(
-            f"{path}: {suffix or 'no suffix'!r} cannot be read; supported are "
-            f"{', '.join(suffixes())}."
+            f"{path}{f' is {kind}' if kind else ''}: {suffix or 'no suffix'!r} cannot be read; "
+            f"supported are {', '.join(suffixes())}.",
+            remedy=remedy,
         )
     return _registered_readers[suffix]

@@ -35,6 +35,7 @@ from swashtwin.recordings.formats.raw_file import (
     ReadOptions,
     require_unchanged,
 )
+from swashtwin.recordings.formats.signatures import require_no_text
 
 # Time limit for a request about an empty file; damaged files can loop without an end.
 _READ_TIMEOUT_S = 30.0
@@ -48,6 +49,9 @@ _MAX_OPEN_FILES = 64
 _MAX_OPEN_BYTES = 1 << 28
 
 _KEEPS_FILES_OPEN = os.name != "nt"
+
+# Modules whose files are texts.
+_TEXT_MODULES = ("csv", "uff")
 
 # Columns of a file of measurements; a damaged header can state billions.
 _MAX_COLUMNS = 10_000
@@ -165,6 +169,8 @@ def _request(source: _Source, function: Any, *arguments: object) -> Any:
         message = cause.message.replace(source.path, source.name)
         raise type(cause)(message, field=cause.field, remedy=cause.remedy) from None
     except _LibraryError as cause:
+        if source.module not in _TEXT_MODULES:
+            require_no_text(Path(source.name))
         suffix = "".join(Path(source.name).suffixes[-1:])
         raise DataError(
             f"{source.name} is damaged, cut off, or not a {suffix} file ({cause})."

@@ -1,4 +1,4 @@
-"""Columns that have values in some rows of a table only, each at a rate of its own.
+"""Columns that have values in some rows of a table only, at a rate that holds for them alone.
 
 Programs join sensors of several rates into one table in two ways: pairs of a time and a signal
 that end in different rows, and one time for all, with blanks in the rows of the other sensors.

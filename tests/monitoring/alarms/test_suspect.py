@@ -1,19 +1,22 @@
 """The suspect of an alarm: sure, unsure or not named; its severity, and the reported finding."""
 
 import json
+import re
 import sys
 import threading
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commandline import run
+from judgments import judgment
 from plant import AT_15, Plant
 from starlette.testclient import TestClient
 from tiny_prior import PISTONS, write_prior
-from watched_pumps import LEARNING, hum, watch_config, write_hum
+from watched_pumps import LEARNING, START, hum, watch_config, write_hum
 
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.foundation import DataError, to_table
@@ -35,6 +38,7 @@ from swashtwin.monitoring.alarms.suspect_severity import SeverityRequest
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.page.watch_page import build_watch_page
 from swashtwin.monitoring.service import severities
+from swashtwin.monitoring.service.alarm_messages import AlarmPoster
 from swashtwin.recordings import Recording, write_recording
 
 POINT = OperatingPoint(157.08, None)
@@ -163,6 +167,94 @@ def measure_again(
     history.close()
 
     assert len(requests) == times
+
+
+def test_a_severity_is_measured_anew_as_the_fault_grows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "any.json").write_text("{}", encoding="utf-8")
+    write_prior(tmp_path / "prior.safetensors", at_speed(98), at_speed(99, 6.0))
+    facts = f'pistons = {PISTONS}\nprior = "prior.safetensors"\ncalibration = "any.json"'
+    config = watch_config(tmp_path, '[[channel]]\nkind = "log"', machine=facts)
+    measured_values = []
+
+    def record_at(minute: float, severity: float | None, gain: float = 6.0) -> None:
+        """Judge a recording; the twin measures this severity, or fails without one."""
+
+        def measure_severity(request: SeverityRequest) -> dict[str, Any]:
+            measured_values.append(severity)
+            answer = {"label": request.label, "notes": [], "sentence": "Severity is not measured."}
+            if severity is not None:
+                answer["sentence"] = f"Severity: {severity} um."
+                answer |= {"verdict": "identified", "value": severity}
+                answer["interval"] = [0.9 * severity, 1.1 * severity]
+            return answer
+
+        monkeypatch.setattr(severities, "measure_severity", measure_severity)
+        number = len(list(tmp_path.glob("incoming/*.h5")))
+        write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, minute, gain=gain)
+        run_watch(config, once=True)
+
+    for number in range(LEARNING + 6):
+        gain = 1.0 if number < LEARNING else 6.0
+        write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, number, gain=gain)
+
+    record_at(100, 47.0)
+    record_at(200, 48.0)
+    day = 24 * 60
+    record_at(100 + day, 50.0)
+    record_at(100 + 10 * day, 120.0)
+    record_at(101 + 10 * day, 150.0, gain=16.0)
+    record_at(100 + 20 * day, None, gain=16.0)
+    assert measured_values == [47.0, 50.0, 120.0, 150.0, None]
+
+    history = History.open("", config.folder)
+    (alarm,) = history.reader.alarms("pump-1")
+    severity = alarm.evidence["severity"]
+    assert severity["value"] == 150.0
+    assert severity["time"] == (START + timedelta(minutes=101 + 10 * day)).isoformat()
+    assert severity["not_measured"]["time"] == alarm.evidence["suspect"]["time"]
+
+    # each line of the alarm has the date of its recording
+    page = TestClient(build_watch_page(config, history), base_url="http://127.0.0.1:8642")
+    text = re.sub("<[^>]*>", "", page.get("/alarms/1").text)
+    newest, measured = (
+        f"{START + timedelta(minutes=minute):%Y-%m-%d %H:%M:%S} UTC"
+        for minute in (100 + 20 * day, 101 + 10 * day)
+    )
+    assert re.search(rf"{newest}\s+Suspect: piston", text)
+    assert re.search(rf"{measured}\s+Severity: 150.0 um", text)
+    assert re.search(rf"{newest}\s+Severity is not measured", text)
+    assert f"Newest deviating recording, {newest}" in text
+    raised = f"{alarm.opened:%Y-%m-%d %H:%M:%S} UTC"
+    assert f"Recording that raised the alarm, {raised}" in text
+    history.close()
+
+    # a message only if the severity lies outside of the previous interval
+    lines = (config.folder / "alarms.log").read_text(encoding="utf-8").splitlines()
+    reported = [line for line in lines if "alarm measured (" in line]
+    assert [sentence in line for sentence, line in zip(("47", "120", "150"), reported, strict=True)]
+
+
+def test_a_message_dates_what_another_recording_showed(tmp_path: Path) -> None:
+    config = watch_config(tmp_path, '[[channel]]\nkind = "log"')
+    history = History.open("", config.folder)
+    newest = judgment(24)
+    facts = {
+        "suspect": {"sentence": "Suspect: piston.", "time": newest.time.isoformat()},
+        "severity": {"sentence": "Severity: 30 um.", "time": judgment(0).time.isoformat()},
+    }
+    with history.machine("pump-1") as transaction:
+        transaction.add_recording(newest)
+        alarm = transaction.open_alarm("pump", newest.point, newest.time, facts, newest.id)
+        AlarmPoster(config).post(transaction, "measured", alarm, newest, ())
+
+    (message,) = history.outbox.claim(["log"])
+    assert message.body["reasons"] == [
+        "Suspect: piston.",
+        "Recording of 2026-03-01 06:00 UTC: Severity: 30 um.",
+    ]
+    history.close()
 
 
 def test_the_calibrated_twin_measures_the_severity_of_a_suspect(

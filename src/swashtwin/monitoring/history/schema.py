@@ -239,7 +239,9 @@ class Alarm(Row, kw_only=True):
     opened: Mapped[datetime]
     """Time of the recording that raised it."""
     evidence: Mapped[dict[str, Any]]
-    """Why it was raised, the ``suspect``, its ``severity``, and what was ``found``."""
+    """Why it was raised, the reasons of the ``newest`` deviating recording, the ``suspect``, its
+    ``severity``, and what was ``found``; each with the time of its recording.
+    """
     recording: Mapped[int | None]
     cleared: Mapped[datetime | None] = mapped_column(default=None)
     """Since when its cause has been gone, or None."""

@@ -311,19 +311,29 @@ class MachineTransaction:
     def record_severity(self, alarm: int, severity: Mapping[str, Any]) -> Alarm | None:
         """Keep the severity of an alarm's suspect in its evidence, and return the alarm.
 
-        None is returned if the alarm already has a severity of this suspect, or the same reason why
-        there is none.
+        None is returned if nothing new is known: the alarm has a severity of this recording and
+        suspect, or the same reason why there is none. If a measured severity could not be measured
+        anew, it stays, and the reason is kept with it as ``not_measured``.
         """
         stored = self._alarm(alarm)
         previous = stored.evidence.get("severity", {})
         is_same_suspect = all(
             previous.get(name) == severity.get(name) for name in ("label", "certainty")
         )
-        is_known = "verdict" in previous or previous.get("sentence") == severity["sentence"]
-        if is_same_suspect and is_known:
+        is_same_recording = previous.get("recording") == severity["recording"]
+        was_measured = "verdict" in previous
+        has_failed = "verdict" not in severity
+        if is_same_suspect and was_measured and is_same_recording:
+            return None
+        if is_same_suspect and previous.get("sentence") == severity["sentence"] and has_failed:
             return None
 
         # A new dictionary: SQLAlchemy does not see a change inside of the old one.
+        if was_measured and has_failed and previous["label"] == severity["label"]:
+            reason = {name: severity[name] for name in ("sentence", "recording", "time")}
+            kept_severity = {**previous, "not_measured": reason}
+            stored.evidence = {**stored.evidence, "severity": kept_severity}
+            return None
         stored.evidence = {**stored.evidence, "severity": dict(severity)}
         return stored
 

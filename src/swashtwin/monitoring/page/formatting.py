@@ -58,6 +58,11 @@ def format_time(time: datetime | None) -> str:
     return time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
+def stored_time(text: str) -> datetime:
+    """Return a time that the history keeps as text, in ISO 8601."""
+    return datetime.fromisoformat(text)
+
+
 def format_age(time: datetime, now: datetime) -> str:
     """Return how long before `now` a time was, in its largest unit."""
     age_s = max(0.0, (now - time).total_seconds())

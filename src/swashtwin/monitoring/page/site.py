@@ -140,6 +140,7 @@ def _templates() -> Environment:
         number=formatting.number,
         percent=formatting.percent,
         signed=formatting.signed,
+        stored_time=formatting.stored_time,
     )
     return environment
 

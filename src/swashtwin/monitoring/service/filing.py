@@ -203,12 +203,12 @@ class RecordingFiler:
     def _update_alarms(
         self, transaction: MachineTransaction, judgment: Judgment, result: OperatingPointJudgment
     ) -> None:
-        """Raise and clear alarms, and let an open alarm of the pump follow the newest suspect."""
+        """Raise and clear alarms, and let an open alarm of the pump follow the newest recording."""
         if result.pump is not None:
             self._change_alarm(transaction, "pump", result.pump, judgment, result)
         if result.sensor is not None:
             self._change_alarm(transaction, "sensor", result.sensor, judgment, result)
-        _update_suspect(transaction, judgment)
+        _update_evidence(transaction, judgment)
 
     def _change_alarm(
         self,
@@ -232,7 +232,7 @@ class RecordingFiler:
                     kind, judgment.point, judgment.time, result.to_dict(), judgment.id
                 )
                 # The message below names the suspect, so the alarm needs it now.
-                _update_suspect(transaction, judgment)
+                _update_evidence(transaction, judgment)
             else:
                 # The cause is back before a person acknowledged the alarm.
                 alarm.cleared = None
@@ -254,7 +254,7 @@ class RecordingFiler:
             return
         for alarm in alarms:
             reasons = alarm.evidence.get("reasons", ())
-            self._poster.post(transaction, "opened", alarm, judgment, reasons)
+            self._poster.post(transaction, "opened", alarm, judgment, reasons, time=alarm.opened)
 
     def _describe(self, judgment: Judgment, result: OperatingPointJudgment) -> str:
         """Return the outcome of a recording in one line."""
@@ -351,18 +351,25 @@ def _save_state(
     )
 
 
-def _update_suspect(transaction: MachineTransaction, judgment: Judgment) -> None:
-    """Give the suspect of a recording to the open alarm of the pump at its operating point.
+def _update_evidence(transaction: MachineTransaction, judgment: Judgment) -> None:
+    """Give suspect and reasons of a recording to the pump's open alarm at its operating point.
 
     The newest recording with a large change decides: the fault has grown since the alarm.
     """
     suspect = judgment.reasons["suspect"]
     if not suspect:
         return
+
+    source = {"recording": judgment.id, "time": judgment.time.isoformat()}
+    newest = {"reasons": judgment.reasons["sentences"], **source}
     for alarm in transaction.alarms():
         if alarm.kind == "pump" and alarm.point == judgment.point:
             # A new dictionary: SQLAlchemy does not see a change inside of the old one.
-            alarm.evidence = {**alarm.evidence, "suspect": {**suspect, "recording": judgment.id}}
+            alarm.evidence = {
+                **alarm.evidence,
+                "newest": newest,
+                "suspect": {**suspect, **source},
+            }
 
 
 def _recording_state(result: OperatingPointJudgment) -> str:

@@ -1,8 +1,9 @@
 """Measures the severity of each alarm's suspect, apart from the judgment of recordings."""
 
+import logging
 import threading
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from swashtwin.monitoring.alarms.suspect_severity import SeverityRequest, measure_severity
@@ -15,6 +16,13 @@ N_NEWEST_ALARMS = 200
 """Newest alarms whose severity is measured; older ones that are open wait for a person anyway."""
 N_HEALTHY_RECORDINGS = 8
 """Healthy recordings that a severity is measured against; each takes as long as the worn one."""
+MEASURE_INTERVAL = timedelta(days=1)
+"""Age of a severity after which a newer deviating recording is measured: wear grows in days, and a
+measurement takes minutes.
+"""
+SCORE_GROWTH = 1.5
+"""Growth of the score of a recording from which it is measured sooner: the fault grows quickly."""
+_log = logging.getLogger("swashtwin.watch")
 
 
 class SeverityMeasurer:
@@ -28,15 +36,16 @@ class SeverityMeasurer:
         self._config = config
         self._history = history
         self._poster = AlarmPoster(config)
-        self._tried_alarms: set[int] = set()
-        """Alarms whose severity this process tried to measure; a failure is tried again only after
-        a restart, since it would most likely fail again.
+        self._tried_recordings: dict[int, int] = {}
+        """Recording that this process tried to measure last, by alarm. A failure is not tried again
+        on the same recording before a restart, since it would most likely fail again.
         """
 
     def measure_all(self, stop: threading.Event) -> None:
-        """Measure the severity of each open alarm's suspect that has none yet.
+        """Measure the severity of each open alarm's suspect, if it has none or an outdated one.
 
-        An unsure suspect is measured once, a sure one once for each class.
+        It is measured when a suspect is named, when it becomes sure of a class, and again as the
+        fault grows: once a day, or when a recording deviates much more than the measured one.
 
         Raises
         ------
@@ -58,6 +67,7 @@ class SeverityMeasurer:
                 return
             severity["certainty"] = suspect["certainty"]
             severity["recording"] = judgment.id
+            severity["time"] = judgment.time.isoformat()
             self._record(alarm, judgment, severity)
 
     def _needs_severity(self, alarm: Alarm) -> bool:
@@ -70,12 +80,33 @@ class SeverityMeasurer:
             return False
 
         severity = alarm.evidence.get("severity", {})
-        was_tried = "verdict" in severity or alarm.id in self._tried_alarms
+        tried_recording = self._tried_recordings.get(alarm.id)
+        if "verdict" not in severity and tried_recording is None:
+            return True
+
         was_sure_of_this_class = (
             severity.get("certainty") != "unsure" and severity.get("label") == suspect["label"]
         )
-        is_new_sure_suspect = certainty == "sure" and not was_sure_of_this_class
-        return is_new_sure_suspect or not was_tried
+        if certainty == "sure" and not was_sure_of_this_class:
+            return True
+        return self._has_grown(tried_recording or severity["recording"], suspect["recording"])
+
+    def _has_grown(self, measured: int, newest: int) -> bool:
+        """Return whether a recording is much newer than the measured one, or deviates more."""
+        if newest == measured:
+            return False
+
+        reader = self._history.reader
+        measured_judgment = reader.recording(measured)
+        newest_judgment = reader.recording(newest)
+        assert measured_judgment is not None
+        assert newest_judgment is not None
+        if newest_judgment.time - measured_judgment.time >= MEASURE_INTERVAL:
+            return True
+
+        measured_score = measured_judgment.reasons["score"]
+        newest_score = newest_judgment.reasons["score"]
+        return bool(newest_score >= SCORE_GROWTH * measured_score)
 
     def _request(self, machine: Machine, label: str, judgment: Judgment) -> SeverityRequest:
         folder = self._history.waveforms.folder
@@ -91,10 +122,13 @@ class SeverityMeasurer:
         )
 
     def _record(self, alarm: Alarm, judgment: Judgment, severity: Mapping[str, Any]) -> None:
+        previous = alarm.evidence.get("severity", {})
         with self._history.machine(alarm.machine) as transaction:
             stored = transaction.record_severity(alarm.id, severity)
-            self._tried_alarms.add(alarm.id)
+            self._tried_recordings[alarm.id] = judgment.id
             if stored is None or stored.closed is not None:
+                return
+            if _is_confirmed(previous, severity):
                 return
 
             # The first message about an alarm reports the severity too, if it is known by then.
@@ -102,3 +136,14 @@ class SeverityMeasurer:
             if was_reported and not transaction.silenced(datetime.now(UTC)):
                 notes = stored.evidence["severity"]["notes"]
                 self._poster.post(transaction, "measured", stored, judgment, notes)
+
+
+def _is_confirmed(previous: Mapping[str, Any], severity: Mapping[str, Any]) -> bool:
+    """Return whether a severity only confirms the previous one, so that no message is due."""
+    names = ("label", "certainty", "verdict")
+    if any(previous.get(name) != severity.get(name) for name in names):
+        return False
+    if "interval" not in previous:
+        return False
+    low, high = previous["interval"]
+    return bool(low <= severity["value"] <= high)

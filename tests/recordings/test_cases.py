@@ -74,6 +74,16 @@ TEXT_CASES = [
         options={"unit": "g"},
     ),
     Case(file="20-epoch-column-epoch_us.csv", rate=4000, n_samples=3000, channels=("acc",)),
+    # Seconds and nanoseconds are one clock.
+    Case(
+        file="K10-sec_nsec.csv",
+        rate=1000,
+        n_samples=1800,
+        channels=("ax", "ay"),
+        options={"unit": "g", "sample_rate": "1 kHz"},
+    ),
+    # The name of the clock says minutes.
+    Case(file="K12-m3.csv", rate=4000, n_samples=1500, channels=("acc",)),
     Case(
         file="44-volts-iepe.csv",
         rate=20_000,
@@ -186,6 +196,14 @@ UFF_MATLAB_AND_HDF5_CASES = [
 DROPPED_SAMPLES_CASES = [
     Case(file="13-dropped-samples-log.csv", rate=1000, n_samples=2700, channels=("acc",)),
     Case(file="13-dropped-samples-fine_10.csv", rate=25_600, n_samples=18_432, channels=("acc",)),
+    # A counter skips twelve numbers.
+    Case(
+        file="K08-rec_skip12.csv",
+        rate=4000,
+        n_samples=1500,
+        channels=("AX", "AY"),
+        options={"unit": "g", "sample_rate": "4 kHz"},
+    ),
 ]
 
 
@@ -240,6 +258,12 @@ REFUSED_FILES = {
     "39-mat-struct-array-struct_array_rates.mat": (
         r"ch\.acc_x\.data: 20000 Hz, ch\.acc_y\.data: 10000 Hz"
     ),
+    "K01-spectrum_hz.csv": r"holds a spectrum \(Amplitude over Frequency\)",
+    "K01-freq.mat": r"holds a spectrum \(Pxx over f\)",
+    # What rises evenly beside the samples is not the time.
+    "K02-pressure.csv": "does not state its sample rate",
+    "K02-turns.csv": "does not state its sample rate",
+    "K07-interleaved_number.csv": r"rows are of 3 sensors by turns \(channel: 1, 2, 3\)",
     # Order tracking samples by the shaft's angle.
     "43-mdf-master-angle.mf4": "counts angle, not time",
 }

@@ -28,6 +28,7 @@ _ATTRIBUTE_NOTES = (
     ("text_columns", "left_out", "columns of text or dates were skipped: "),
     ("blank_columns", "left_out", "columns that are blank were skipped: "),
     ("counter_columns", "left_out", "columns that count the samples were skipped: "),
+    ("spectrum_columns", "left_out", "spectra were skipped: "),
     ("clock_columns", "left_out", "columns without a unit that rise evenly were read as time: "),
     (
         "batch_columns",

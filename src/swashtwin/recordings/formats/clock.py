@@ -19,6 +19,12 @@ from jaxtyping import Float
 
 from swashtwin.foundation import DataError, UnitError, parse_quantity, propose_setting
 from swashtwin.recordings.columns import Column, slice_column
+from swashtwin.recordings.formats.axes import require_samples, settle_axes
+from swashtwin.recordings.formats.column_names import (
+    is_name_empty,
+    name_in_group,
+    parse_time_name,
+)
 from swashtwin.recordings.formats.headings import split_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.row_sets import separate_rows, trim_short_pairs
@@ -37,27 +43,14 @@ from swashtwin.recordings.formats.time_column import (
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Seconds of each unit of time; no slip of one letter turns one into another."""
 
-# Names of a column with the time, with or without its unit at the end.
-_TIME_NAME = re.compile(
-    r"(?:x[_ ]?value|t|epoch|(?=milli|micro|nano)"
-    r"|(?:elapsed|rel(?:ative)?|abs(?:olute)?|sample|measurement)?"
-    r"[_ ]?(?:time|zeit)(?:[_ ]?stamps?)?)"
-    r"(?:[_ ]?(?<![a-z])(s|sec|seconds|ms|msec|us|usec|ns)"
-    r"|[_ ]?((?:milli|micro|nano)s(?:econds)?))?(?:[_ ]?\d+)?",
-    re.IGNORECASE,
-)
-
 _COUNTER_NAME = re.compile(
     r"(?:index|samples?|sample[_ ]?(?:no|number|index)|count(?:er)?|cnt|nr?|no|row|point"
     r"|column_0)\.?|#|",
     re.IGNORECASE,
 )
 
-# Names of columns that rise evenly, as the time does, and are another quantity.
-_OTHER_AXIS = re.compile(
-    r"(?:^|[^a-z])(?:angle|winkel|distance|weg|position|order|ordnung|freq(?:uency)?|frequenz)(?:[^a-z]|$)",
-    re.IGNORECASE,
-)
+# Numbers of a counter of 8, 16 or 32 bits, or of two to six digits, before it begins again.
+_COUNTER_SIZES = (100.0, 256.0, 1000.0, 10_000.0, 65_536.0, 100_000.0, 1e6, 2.0**32)
 
 # Names of the first vector of a matrix, and of an abscissa.
 _FIRST_VECTOR = re.compile(r"\(:,1\)$|\(1,:\)$|/0$|^X$")
@@ -99,7 +92,8 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
     If a clock states no rate, the attribute ``time_gaps`` says why. If a clock begins again,
     another recording begins.
     """
-    raw = trim_short_pairs(raw, lambda name: match_time_name(name) is not None)
+    raw = settle_axes(path, raw, options)
+    raw = trim_short_pairs(raw, lambda name: parse_time_name(name) is not None)
     clock_names = _find_clocks(path, raw, options)
     if len(clock_names) == 1:
         (clock_name,) = clock_names
@@ -110,7 +104,10 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
     clocks: dict[str, _Clock] = {}
     for name in clock_names:
         unit = _clock_unit(path, raw, name, options)
-        clocks[name] = _read_clock(path, raw.columns[name], unit, options)
+        clock = _read_clock(path, raw.columns[name], unit, options)
+        if _is_guessed(raw, name, options) and not _agrees(clock, options):
+            clock = _Clock(unit, None, "")
+        clocks[name] = clock
 
     counters = _find_counters(raw, clock_names)
     signals = {
@@ -118,12 +115,11 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
         for name, column in raw.columns.items()
         if name not in clocks and name not in counters
     }
+    require_samples(path, raw, signals)
     rates, starts, problems = _apply_clocks(path, raw, signals, clocks, options)
 
-    if counters and not clocks:
-        lost = _count_lost_samples(raw.columns[counters[0]])
-        if lost is not None:
-            problems.append(f"{counters[0]} skips {lost[0]} samples at {lost[1]} places")
+    if not problems:
+        problems += _counter_problems(raw, counters)
 
     sample_rate = raw.sample_rate
     if not raw.rates and len(rates) == len(signals) and len(set(rates.values())) == 1:
@@ -131,13 +127,7 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
         rates = {}
 
     # Clocks that nothing but their even rise shows are reported to the user.
-    guessed_clocks = [
-        name
-        for name in clocks
-        if options.time_column is None
-        and not match_time_name(name)
-        and _column_unit(raw, name) is None
-    ]
+    guessed_clocks = [name for name in clocks if _is_guessed(raw, name, options)]
     attributes = dict(raw.attributes)
     for key, texts, separator in (
         ("clock_columns", guessed_clocks, ", "),
@@ -180,6 +170,22 @@ def _read_clock(path: Path, column: Column, unit: float | None, options: ReadOpt
         raise error
     assert clock is not None
     return clock
+
+
+def _is_guessed(raw: RawFile, name: str, options: ReadOptions) -> bool:
+    """Return whether nothing but its even rise shows that a column is a clock."""
+    is_unnamed = parse_time_name(name) is None and _column_unit(raw, name) is None
+    return options.time_column is None and is_unnamed
+
+
+def _agrees(clock: _Clock, options: ReadOptions) -> bool:
+    """Return whether a clock gives the specified rate, or no rate is specified."""
+    if options.sample_rate is None or clock.rate is None or options.time_unit is not None:
+        return True
+    with suppress(UnitError):
+        specified = parse_quantity(options.sample_rate, "Hz")
+        return math.isclose(clock.rate, specified, rel_tol=MAX_RATE_ERROR)
+    return True
 
 
 def _of_columns(values: Mapping[str, Any], columns: Mapping[str, Column]) -> dict[str, Any]:
@@ -291,7 +297,7 @@ def find_time_column(path: Path, names: Sequence[str], options: ReadOptions) -> 
     if specified is None:
         if len(names) < 2:
             return None
-        return next((name for name in names if match_time_name(name)), None)
+        return next((name for name in names if parse_time_name(name)), None)
 
     if isinstance(specified, int) and 0 <= specified < len(names):
         return names[specified]
@@ -302,17 +308,6 @@ def find_time_column(path: Path, names: Sequence[str], options: ReadOptions) -> 
     raise DataError(
         f"{path} has no column {specified!r} for time_column; it has {', '.join(names)}."
     )
-
-
-def match_time_name(name: str) -> re.Match[str] | None:
-    """Return how the name of a column, without its groups, names a time; None if it does not."""
-    if not name.strip():
-        return None
-    return _TIME_NAME.fullmatch(_name_in_group(name))
-
-
-def _name_in_group(name: str) -> str:
-    return re.split(r"[./]", name)[-1].strip()
 
 
 def _group_of(name: str) -> str:
@@ -333,12 +328,12 @@ def _find_clocks(path: Path, raw: RawFile, options: ReadOptions) -> list[str]:
     for name in names:
         file_rate = raw.rates.get(name, raw.sample_rate)
         may_be_time = _may_be_time(raw, name)
-        has_time_name = match_time_name(name) is not None
+        has_time_name = parse_time_name(name) is not None
         if has_time_name and ((may_be_time and file_rate is None) or _is_clock(raw, name)):
             named_clocks.append(name)
         elif (
             may_be_time
-            and not _OTHER_AXIS.search(name)
+            and (is_name_empty(name) or _column_unit(raw, name) is not None)
             and _is_clock(raw, name, may_count=options.time_unit is not None)
             and (file_rate is None or _has_rate(raw.columns[name], file_rate))
         ):
@@ -359,7 +354,7 @@ def _column_unit(raw: RawFile, name: str) -> str | None:
     unit = raw.units.get(name)
     is_common = unit not in TIME_UNITS
     is_common = is_common and all(raw.units.get(column) == unit for column in raw.columns)
-    if is_common and (match_time_name(name) or _FIRST_VECTOR.search(name)):
+    if is_common and (parse_time_name(name) or _FIRST_VECTOR.search(name)):
         return None
     return unit
 
@@ -441,7 +436,7 @@ def _find_counters(raw: RawFile, clocks: Sequence[str]) -> list[str]:
         name
         for name in rest
         if (len(raw.columns) > 1 and _is_counter(raw, name))
-        or (clocks and match_time_name(name) and raw.units.get(name) in (None, *TIME_UNITS))
+        or (clocks and parse_time_name(name) and raw.units.get(name) in (None, *TIME_UNITS))
     ]
     return counters if len(counters) < len(rest) else []
 
@@ -461,28 +456,51 @@ def _is_counter(raw: RawFile, name: str) -> bool:
         return _is_clock(raw, name)
 
     steps = _counter_steps(head)
-    may_skip = _COUNTER_NAME.fullmatch(_name_in_group(name)) is not None
-    is_complete = len(steps) > 15 and steps.max() == 1
-    if np.median(steps) == 1 and (steps >= 1).all() and (may_skip or is_complete):
+    may_skip = _COUNTER_NAME.fullmatch(name_in_group(name)) is not None
+    may_skip = may_skip or len(steps) > 15
+    if np.median(steps) == 1 and (steps >= 1).all() and may_skip:
         return True
     return _is_clock(raw, name)
 
 
 def _counter_steps(counts: Float[np.ndarray, " time"]) -> Float[np.ndarray, " step"]:
-    """Return the steps of a counter, which may begin again after its largest number."""
+    """Return the steps of a counter, which may begin again after its largest number.
+
+    It does so after the number of its last bit, after all its digits, or as it did before.
+    """
     steps = np.diff(counts)
+    falls = steps < 0
     span = counts.max() - counts.min()
-    if span >= 15:  # a counter of fewer bits than four is a flag
-        steps[steps == -span] = 1
+    if not falls.any() or span < 15:  # a counter of fewer bits than four is a flag
+        return steps
+
+    is_same_fall = steps[falls] == steps[falls][0]
+    if is_same_fall.all() and steps[falls][0] == -span:
+        steps[falls] = 1
+        return steps
+    for count in (*_COUNTER_SIZES, span + 1):
+        if span < count <= 2 * span:
+            return np.where(falls, steps + count, steps)
     return steps
+
+
+def _counter_problems(raw: RawFile, counters: Sequence[str]) -> list[str]:
+    """Return how many samples the first counter that skips any has lost."""
+    for name in counters:
+        lost = _count_lost_samples(raw.columns[name])
+        if lost is not None:
+            return [f"{name} skips {lost[0]} samples at {lost[1]} places"]
+    return []
 
 
 def _count_lost_samples(counter: Column) -> tuple[int, int] | None:
     """Return how many samples a counter skips, and at how many places; None if it skips none."""
     counts = np.asarray(counter[:], dtype=np.float64)
-    steps = _counter_steps(counts)
-    if np.median(steps) != 1 or not (counts == np.round(counts)).all():
+    if not np.isfinite(counts).all() or not (counts == np.round(counts)).all():
         return None  # a ramp, which counts no samples
+    steps = _counter_steps(counts)
+    if np.median(steps) != 1:
+        return None
 
     gap_count = int((steps != 1).sum())
     return (int((steps - 1).sum()), gap_count) if gap_count else None
@@ -505,10 +523,8 @@ def _clock_unit(path: Path, raw: RawFile, name: str, options: ReadOptions) -> fl
 
     It is specified, or stated by the clock's heading, name or size.
     """
-    name_match = match_time_name(name)
-    unit_in_name = None
-    if name_match:
-        unit_in_name = next((text for text in name_match.groups() if text), None)
+    time_name = parse_time_name(name)
+    unit_in_name = None if time_name is None else time_name.unit
 
     unit = options.time_unit or _column_unit(raw, name) or unit_in_name
     unit = unit or _unit_by_size(_read_head(raw.columns[name]))

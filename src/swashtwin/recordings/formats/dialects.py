@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.clock import match_time_name
+from swashtwin.recordings.formats.column_names import parse_time_name
 from swashtwin.recordings.formats.headings import TRADE_UNITS, split_unit
 from swashtwin.recordings.formats.raw_file import ReadOptions
 from swashtwin.recordings.formats.sample_units import normalize_unit, recognize_unit
@@ -206,7 +206,7 @@ class Dialect:
             fields.pop()
         if not fields or self._is_heading_line(fields):
             return
-        if self.separator == " " and not match_time_name(fields[0]):
+        if self.separator == " " and not parse_time_name(fields[0]):
             return  # a sentence
 
         width = max(column for column, kind in enumerate(self.kinds, 1) if kind is not Kind.blank)

@@ -11,7 +11,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings.columns import Column
-from swashtwin.recordings.formats.clock import match_time_name
+from swashtwin.recordings.formats.column_names import parse_time_name
 from swashtwin.recordings.formats.headings import BARE_RATE, header_rate, read_sensitivities
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.sample_units import recognize_unit
@@ -167,7 +167,7 @@ def _scales_of(source: str, scopes: list[Mapping[str, Any]]) -> dict[str, Any]:
 
     A scale of the structure around is one of the signals, not of their time.
     """
-    if match_time_name(source):
+    if parse_time_name(source):
         scopes = scopes[:2]
 
     scales: dict[str, Any] = {}

@@ -1,0 +1,524 @@
+"""What the name and the unit of a column say about its quantity, in English and German.
+
+The one place that knows such words: readers, clocks and the selection of channels ask it.
+"""
+
+import re
+from enum import Enum
+from typing import NamedTuple
+
+from swashtwin.recordings.formats.sample_units import (
+    acceleration_factor,
+    normalize_unit,
+    recognize_unit,
+)
+
+
+class Quantity(Enum):
+    """What a column holds, as its name or unit says."""
+
+    vibration = "acceleration, or vibration of any kind"
+    motion = "velocity or displacement"
+    electric = "the output of a sensor"
+    time = "time"
+    frequency = "a frequency or an order"
+    spectrum = "a spectrum"
+    label = "a class or a state"
+    other = "another quantity"
+
+
+class Meaning(NamedTuple):
+    """Quantity of a column, and the evidence for it."""
+
+    quantity: Quantity
+    reason: str
+    """Words for a message, such as ``in dBm``."""
+    dimension: str = ""
+    """SI unit of another quantity, if it is one that sensors of a pump measure."""
+
+
+class TimeName(NamedTuple):
+    """Name of a column with the time."""
+
+    unit: str | None
+    """Unit in the name, as `normalize_unit` writes it, or None."""
+
+
+# ---- words
+
+_WORD = re.compile(r"[A-ZÄÖÜ]+(?![a-zäöüß])|[A-ZÄÖÜ]?[a-zäöüßµμ]+|\d+|[°%]")
+_BRACKETED = re.compile(r"^(.*?)\s*[\[(<]([^\])>]*(?:\([^)]*\)[^\])>]*)?)[\])>]$")
+_AFTER_WORD = re.compile(r"^(.*?[^\s/])(?:\s+/\s+|/|\s+in\s+|\s+-\s+|\s*,\s+)([^\s,]+)$")
+
+
+def words_of(name: str) -> list[str]:
+    """Return the words and numbers of a name in small letters.
+
+    Examples
+    --------
+    >>> words_of("elapsedTime_ms"), words_of("accX1"), words_of("DE_time")
+    (['elapsed', 'time', 'ms'], ['acc', 'x', '1'], ['de', 'time'])
+    """
+    return [word.lower() for word in _WORD.findall(name)]
+
+
+def name_in_group(name: str) -> str:
+    """Return the name of a column without those of the groups or structures around it."""
+    text = name.strip()
+    bracketed = _BRACKETED.match(text)
+    head = bracketed[1] if bracketed and bracketed[1] else text
+    return (re.split(r"[./]", head)[-1] + text[len(head) :]).strip()
+
+
+def split_heading(name: str) -> tuple[str, str]:
+    """Return the name of a column, and the text in brackets or behind a slash; else empty.
+
+    Examples
+    --------
+    >>> split_heading("RSSI (dBm)"), split_heading("T / degF"), split_heading("H(:,1)")
+    (('RSSI', 'dBm'), ('T', 'degF'), ('H(:,1)', ''))
+    """
+    for pattern in (_BRACKETED, _AFTER_WORD):
+        match = pattern.match(name.strip())
+        if match and match[1] and any(map(str.isalpha, match[2] + "a" * ("%" in match[2]))):
+            return match[1], match[2].strip()
+    return name.strip(), ""
+
+
+# ---- times
+
+_UNIT_WORDS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden"), "s"),
+    **dict.fromkeys(
+        ("ms", "msec", "msecs", "millis", "millisecond", "milliseconds", "millisekunden"), "ms"
+    ),
+    **dict.fromkeys(
+        ("us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"), "us"
+    ),
+    "mikrosekunden": "us",
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecond", "nanoseconds"), "ns"),
+    "nanosekunden": "ns",
+    **dict.fromkeys(("min", "mins", "minute", "minutes", "minuten"), "min"),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden"), "h"),
+    **dict.fromkeys(("d", "day", "days", "tag", "tage"), "d"),
+}
+
+# Units that are not also something else: a minimum, a standard deviation, a label.
+_CLEAR_UNIT_WORDS = {
+    word for word in _UNIT_WORDS if len(word) > 3 or _UNIT_WORDS[word] not in ("min", "h", "d")
+} - {"s", "ms", "us", "µs", "μs", "ns"}
+
+_TIME_WORDS = {
+    *("time", "times", "t", "ts", "epoch", "stamp", "clock", "elapsed", "uptime", "temps"),
+    *("tiempo", "tempo", "tijd", "czas", "uhr"),
+}
+_TIME_COMPOUND = re.compile(
+    r"(?:date|sys|run|real|up|cpu|gps|unix)?times?(?:stamps?)?|\w*zeit(?:en|punkt|achse|stempel)?"
+)
+_TIME_QUALIFIERS = {
+    *("rel", "relative", "abs", "absolute", "sample", "sampling", "measurement", "system"),
+    *("experiment", "device", "sensor", "local", "utc", "gps", "unix", "since", "start", "boot"),
+    *("from", "of", "in", "the", "axis", "value", "total", "host", "pc", "seit"),
+}
+
+
+def parse_time_name(name: str) -> TimeName | None:
+    """Return what the name of a column, without its groups, says of a time; None if nothing.
+
+    Examples
+    --------
+    >>> parse_time_name("time_min"), parse_time_name("Minuten"), parse_time_name("DE_time")
+    (TimeName(unit='min'), TimeName(unit='min'), None)
+    """
+    heading, unit_text = split_heading(name_in_group(name))
+    words = [word for word in words_of(heading) if not word.isdecimal()]
+    if words == ["x", "value"]:
+        return TimeName(None)
+
+    # milli and seconds, epoch and ms, t and s: the unit may have been split from its prefix.
+    units = [_UNIT_WORDS[word] for word in words if word in _UNIT_WORDS]
+    rest = [word for word in words if word not in _UNIT_WORDS]
+    has_time_word = any(
+        word in _TIME_WORDS or _TIME_COMPOUND.fullmatch(word) is not None for word in rest
+    )
+    is_unit_alone = not rest and len(words) == 1 and words[0] in _CLEAR_UNIT_WORDS
+    known = (
+        word in _TIME_WORDS or word in _TIME_QUALIFIERS or _TIME_COMPOUND.fullmatch(word)
+        for word in rest
+    )
+    if len(units) > 1 or not (has_time_word or is_unit_alone) or not all(known):
+        return None
+
+    in_brackets = _UNIT_WORDS.get(unit_text.lower())
+    return TimeName(units[0] if units else in_brackets)
+
+
+def clock_part(name: str, unit: str | None) -> tuple[str, str] | None:
+    """Return the prefix and the unit of a column that may be a part of a clock, or None.
+
+    Examples
+    --------
+    >>> clock_part("tv_usec", None), clock_part("Minute", None), clock_part("acc", None)
+    (('tv', 'us'), ('', 'min'), None)
+    """
+    words = words_of(split_heading(name_in_group(name))[0])
+    if words and words[-1] in _UNIT_WORDS:
+        return " ".join(words[:-1]), _UNIT_WORDS[words[-1]]
+    if unit is None or unit not in _UNIT_WORDS.values():
+        return None
+    return " ".join(words), unit
+
+
+_SENSOR_WORDS = {
+    *("sensor", "sensors", "channel", "chan", "ch", "node", "device", "module", "addr", "address"),
+    *("kanal", "achse", "axis", "probe", "source", "port", "board", "transducer", "messstelle"),
+    *("messstellen", "station", "tag", "mote", "slave", "imu", "unit", "location", "input"),
+    *("eingang", "sonde", "aufnehmer", "modul", "gerät", "knoten", "quelle"),
+}
+_NUMBER_WORDS = {"id", "no", "nr", "num", "number", "nummer", "index", "idx"}
+
+
+def names_sensor(name: str) -> bool:
+    """Return whether a name is that of a column with the number of a sensor.
+
+    Examples
+    --------
+    >>> names_sensor("channel"), names_sensor("Sensor-Nr."), names_sensor("Channel 1")
+    (True, True, False)
+    """
+    words = words_of(name_in_group(name))
+    known = all(word in _SENSOR_WORDS or word in _NUMBER_WORDS for word in words)
+    return known and (words == ["id"] or not _SENSOR_WORDS.isdisjoint(words))
+
+
+# ---- other quantities
+
+_SOUND = r"mic(?:rophone|s)?|mikrofon|mikro|sound|audio|schall|schalldruck|spl"
+_ROTATION = (
+    r"gyro\w*|gyr[xyz]?|rotation|rotations?rate|angular|omega|roll|pitch|yaw|gier\w*|nick\w*|euler"
+    r"|drehrate|winkelgeschwindigkeit|quat\w*|quaternion|orientation|attitude"
+)
+_MAGNETIC = r"mag[xyz]?|magn|magnet\w*|compass|kompass|bfield"
+_PLACE = r"gps|lat|latitude|lon|lng|long|longitude|breite|breitengrad|längengrad|alt|altitude|höhe"
+
+# Words of other quantities, the SI unit of those that sensors of a pump measure, and what they are.
+_OTHER_WORDS: tuple[tuple[str, str, str], ...] = (
+    (r"temp|tmp|\w*temperatur\w*|öltemp|thermo\w*", "K", "a temperature"),
+    (r"\w*pressure|\w*druck|press|baro\w*|p_?abs", "Pa", "a pressure"),
+    (r"\w*drehzahl|rpm|speed|geschwindigkeit|upm|tacho?\w*|tach|keyphasor", "rad/s", "a speed"),
+    (r"\w*flow|flowrate|durchfluss|volumenstrom|leckage|lecköl|leck|leakage|case_drain", "m^3/s",
+     "a flow"),
+    (r"\w*torque|\w*drehmoment|moment", "N*m", "a torque"),
+    (r"current|\w*strom|amperage", "A", "a current"),
+    (r"force|kraft|\w*kraft", "N", "a force"),
+    (r"loads?|last|weight|gewicht|power|leistung", "", "a load"),
+    (r"\w*batter\w*|batt?|vbat|akku\w*|soc|charge|ladung|supply|versorgung", "", "a battery"),
+    (_PLACE, "", "a place"),
+    (_SOUND, "", "sound"),
+    (_ROTATION, "", "a rotation"),
+    (_MAGNETIC, "", "a magnetic field"),
+    (r"humidity|feuchte|luftfeuchte|light|licht|lux|illuminance|helligkeit|co2|gas", "", "the environment"),
+    (r"rssi|snr|signal_?strength|signalstärke|dbm", "", "a radio signal"),
+    (r"strain|dehnung|viscosity|viskosität|density|dichte|level|füllstand", "", "another quantity"),
+    (r"angle|winkel\w*|phase|phi|theta|encoder|turns?|\w*umdrehung(?:en)?|revolutions?|revs?|rev"
+     r"|degrees?", "", "an angle"),
+    (r"distance|weg|strecke|position|depth|tiefe|hub|stroke|heading|course", "", "a position"),
+    (r"set_?points?|soll|\w*sollwert|\w*vorgabe|demand|command|duty|pwm|throttle", "", "a set point"),
+)  # fmt: skip
+_OTHER_PATTERNS = tuple(
+    (re.compile(pattern), dimension, text) for pattern, dimension, text in _OTHER_WORDS
+)
+
+# Words behind which the name of another quantity is that of a place: "load side", "Druckseite".
+_SIDE_WORDS = {"side", "seite", "end", "zone", "line", "plate", "port", "bearing", "lager"}
+
+_VIBRATION_WORD = re.compile(
+    r"acc[xyz]?|accel\w*|useracceleration|beschl|\w*beschleunigung\w*|vib|vibr\w*|schwing\w*|iepe"
+    r"|icp|piezo\w*|seismic|körperschall|gforce"
+)
+_MOTION_WORD = re.compile(
+    r"velocity|velo|vel|schwinggeschwindigkeit|schnelle|displacement|disp|auslenkung|geophone"
+)
+_ELECTRIC_WORD = re.compile(r"voltage|spannung|volts?")
+# Axes of an accelerometer: ax, a_y, AZ, a1x, gFx.
+_ACCELERATION_AXIS = re.compile(r"(?:a[_ ]?\d*[_ ]?|gF|lin_?acc_?)[xyz]\d*", re.IGNORECASE)
+
+_FREQUENCY_NAME = re.compile(
+    r"f|ff|freqs?|frequenc(?:y|ies)|frequenz(?:en)?|hz|khz|cpm|orders?|ordnung(?:en)?|faxis"
+)
+_FREQUENCY_UNITS = {"hz", "khz", "mhz", "cpm", "order", "orders", "ordnung", "x rpm", "ord"}
+_FREQUENCY_QUALIFIERS = {"axis", "achse", "vector", "in", "bins", "bin", "hz", "khz", "center", "f"}
+_SPECTRUM_WORD = re.compile(
+    r"psd\w*|pxx|pyy|pxy|asd|\w*spectr(?:um|a|al)|\w*spektrum|\w*spektren|fft|rfft|dft"
+    r"|autopower|autospectrum|cepstrum|\w*leistungsdichte|amplitudengang|frf|coherence|kohärenz"
+)
+_SPECTRUM_UNIT = re.compile(r".*/\s*(?:√|sqrt)?\s*\(?\s*Hz\s*\)?(?:\^?0[.,]5)?", re.IGNORECASE)
+
+_LABEL_WORDS = {
+    *("label", "labels", "class", "classid", "klasse", "klassen", "target", "activity"),
+    *("aktivität", "kategorie", "category", "groundtruth", "annotation"),
+}
+_STATE_WORDS = {
+    *("state", "status", "zustand", "fault", "fehler", "mode", "modus", "flag", "event", "marker"),
+    *("alarm", "trigger", "gear", "gang", "phase", "step", "schritt", "segment", "subject"),
+    *("run", "condition", "stage", "error", "quality", "regime", "valid", "cycle", "zyklus", "on"),
+}
+
+# Units of other quantities that are no units of the registry, or mean something else there.
+_OTHER_UNITS = {
+    *("°c", "°f", "degc", "degf", "deg c", "deg f", "celsius", "fahrenheit", "kelvin", "°", "deg"),
+    *("%", "percent", "%rh", "rh", "% rh", "ppm", "ppb", "db", "dbm", "dba", "db(a)", "dbfs"),
+    *("lx", "lux", "lumen", "cd", "ut", "µt", "μt", "mt", "nt", "gauss", "mgauss", "tesla"),
+    *("deg/s", "°/s", "dps", "mdps", "grad/s", "rad/s", "rad", "rev", "turns", "u", "rpm", "1/min"),
+    *("u/min", "min-1", "upm", "gpm", "lpm", "l/min", "l/h", "m3/h", "m³/h", "cfm", "sccm", "cst"),
+    *("ph", "ntu", "ohm", "kohm", "Ω", "kω", "ω", "w", "kw", "va", "kva", "var", "wh", "kwh", "mah"),
+    *("ah", "mbar", "bar", "bara", "barg", "psi", "psig", "psia", "pa", "hpa", "kpa", "mpa", "torr"),
+    *("mmhg", "inhg", "nm", "n*m", "n·m", "n", "kn", "lbf", "kg", "lb", "lbs", "ft-lb", "hz", "khz"),
+    *("µe", "µm/m", "um/m", "ustrain", "microstrain", "km/h", "kmh", "mph", "knots", "kn/h", "v/v"),
+    *("us/cm", "µs/cm", "ms/cm", "usv/h", "µsv/h", "w/m2", "w/m²", "mm/h", "°brix", "iu", "bpm"),
+}  # fmt: skip
+
+# Units that stand behind a name without brackets: T_degF, B_uT, co2 ppm.
+_TRAILING_UNITS = {
+    *("degc", "degf", "celsius", "fahrenheit", "percent", "ppm", "ppb", "dbm", "dba", "lux", "lx"),
+    *("ut", "gauss", "dps", "rpm", "upm", "gpm", "lpm", "bar", "mbar", "psi", "kpa", "mpa", "hpa"),
+    *("kw", "kwh", "nm", "rh", "mah", "ohm", "hpa", "kmh", "mph", "µt", "pct"),
+}
+
+# Texts of a unit that say nothing.
+_NO_UNIT = {"", "1", "-", "--", "none", "n/a", "na", "unknown", "raw", "counts", "count", "cts"}
+_NO_UNIT |= {"lsb", "digits", "digit", "arb", "a.u.", "au", "a. u.", "bits", "adc", "fs", "dimless"}
+
+_ELECTRIC_UNIT = re.compile(r"[nmuµμ]?V|[pn]C|[muµμ]?A")
+_MOTION_UNITS = {"mm/s", "m/s", "um/s", "in/s", "ips", "mm", "um", "mil", "mils", "m", "µm"}
+_MOTION_UNITS |= {"cm/s", "cm"}
+
+
+def meaning_of_unit(unit: str) -> Meaning | None:
+    """Return the quantity that a unit says, or None if it says nothing or is unknown.
+
+    Examples
+    --------
+    >>> meaning_of_unit("mg").quantity, meaning_of_unit("dBm").reason, meaning_of_unit("left")
+    (<Quantity.vibration: 'vibration'>, 'in dBm', None)
+    """
+    text = unit.strip()
+    normal = normalize_unit(text)
+    if text.lower() in _NO_UNIT:
+        return None
+    if _SPECTRUM_UNIT.fullmatch(text):
+        return Meaning(Quantity.spectrum, f"in {text}")
+    if normal in _MOTION_UNITS:
+        return Meaning(Quantity.motion, f"in {text}")
+    if _ELECTRIC_UNIT.fullmatch(normal):
+        return Meaning(Quantity.electric, f"in {text}")
+    if text.lower() in _FREQUENCY_UNITS:
+        return Meaning(Quantity.frequency, f"in {text}")
+    if text.lower() in _OTHER_UNITS or normal.lower() in _OTHER_UNITS:
+        return Meaning(Quantity.other, f"in {text}")
+    if text.lower() in _UNIT_WORDS or normal in ("us", "ms"):
+        return Meaning(Quantity.time, f"in {text}")
+
+    if recognize_unit(text) is None:
+        return None
+    if acceleration_factor(text) is not None:
+        return Meaning(Quantity.vibration, f"in {text}")
+    return Meaning(Quantity.other, f"in {text}")
+
+
+_SENSOR_QUANTITIES = (Quantity.vibration, Quantity.motion, Quantity.electric)
+
+
+def meaning_of_name(name: str) -> Meaning | None:
+    """Return the quantity that the name of a column says, or None.
+
+    A unit of another quantity in brackets or at the end of the name counts first. If the name is
+    that of an axis or says nothing, that of its group or structure counts.
+
+    Examples
+    --------
+    >>> meaning_of_name("acc_x").quantity, meaning_of_name("oil temp").reason
+    (<Quantity.vibration: 'acceleration, or vibration of any kind'>, 'a temperature')
+    >>> meaning_of_name("T_degF").reason, meaning_of_name("Motor (DE)"), meaning_of_name("X")
+    ('in degF', None, None)
+    >>> meaning_of_name("gyro.x").reason, meaning_of_name("speed_860/x")
+    ('a rotation', None)
+    """
+    heading, unit_text = split_heading(name_in_group(name))
+    in_brackets = _meaning_in_brackets(heading, unit_text)
+    if in_brackets is not None and in_brackets.quantity not in _SENSOR_QUANTITIES:
+        return in_brackets
+
+    in_name = _meaning_of_heading(heading)
+    if in_name is None and _says_nothing(heading):
+        in_name = _meaning_of_groups(name)
+    if in_name is not None and in_name.quantity not in _SENSOR_QUANTITIES:
+        return in_name  # a position in mm is not a vibration
+    return in_brackets or in_name
+
+
+def unknown_unit(name: str) -> str:
+    """Return the text in the brackets of a name that is neither a known unit nor nothing.
+
+    Examples
+    --------
+    >>> unknown_unit("q (foo)"), unknown_unit("q (dBm)"), unknown_unit("q [counts]")
+    ('foo', '', '')
+    """
+    heading, text = split_heading(name_in_group(name))
+    is_known = text.lower() in _NO_UNIT or _meaning_in_brackets(heading, text) is not None
+    return "" if is_known else text
+
+
+def _meaning_in_brackets(heading: str, text: str) -> Meaning | None:
+    """Return what a text in brackets says; a word or a letter may be the place of a sensor."""
+    may_be_word = re.fullmatch(r"[A-Za-z]\w*", text) is not None
+    is_listed = text.lower() in _OTHER_UNITS | _FREQUENCY_UNITS | _MOTION_UNITS
+    is_sample_unit = normalize_unit(text) in ("g", "mg", "m/s^2", "mm/s^2", "V", "mV", "uV")
+    is_time = text.lower() in _UNIT_WORDS and (text != "d" or parse_time_name(heading) is not None)
+    if may_be_word and not (is_listed or is_sample_unit or is_time):
+        return None
+    return meaning_of_unit(text)
+
+
+def _meaning_of_groups(name: str) -> Meaning | None:
+    """Return what the nearest group or structure that says anything says of its columns."""
+    groups = [words_of(part) for part in re.split(r"[./]", name)[:-1]]
+    for words in reversed(groups):
+        if not words or any(map(str.isdecimal, words)):
+            continue  # speed_860 is the condition of a measurement
+        meaning = _meaning_of_heading(" ".join(words))
+        if meaning is not None:
+            return meaning
+    return None
+
+
+def _meaning_of_heading(heading: str) -> Meaning | None:
+    """Return the quantity that a name says without its groups and brackets, or None."""
+    words = [word for word in words_of(heading) if not word.isdecimal()]
+    if not words:
+        return None
+    if any(_SPECTRUM_WORD.fullmatch(word) for word in words):
+        return Meaning(Quantity.spectrum, "a spectrum")
+
+    is_angular = any(re.fullmatch(_ROTATION, word) for word in words)
+    for quantity, pattern in (
+        (Quantity.motion, _MOTION_WORD),
+        (Quantity.vibration, _VIBRATION_WORD),
+    ):
+        if not is_angular and any(pattern.fullmatch(word) for word in words):
+            return Meaning(quantity, quantity.value)
+    if _ACCELERATION_AXIS.fullmatch(heading):
+        return Meaning(Quantity.vibration, "an axis of acceleration")
+    if parse_time_name(heading):
+        return Meaning(Quantity.time, "a time")
+    if _names_frequency(words):
+        return Meaning(Quantity.frequency, Quantity.frequency.value)
+
+    other = _other_meaning(words)
+    if other is not None:
+        return other
+    last_part = re.split(r"[\s_]", heading)[-1].lower()
+    if len(words) > 1 and last_part in _TRAILING_UNITS:
+        return Meaning(Quantity.other, f"in {re.split('[ _]', heading)[-1]}")
+    if any(_ELECTRIC_WORD.fullmatch(word) for word in words):
+        return Meaning(Quantity.electric, "a voltage")
+    if not _LABEL_WORDS.isdisjoint(words):
+        return Meaning(Quantity.label, Quantity.label.value)
+    return None
+
+
+def _names_frequency(words: list[str]) -> bool:
+    is_frequency = [_FREQUENCY_NAME.fullmatch(word) is not None for word in words]
+    is_qualifier = [word in _FREQUENCY_QUALIFIERS for word in words]
+    return is_frequency[0] and all(
+        either for either in map(any, zip(is_frequency, is_qualifier, strict=True))
+    )
+
+
+def _other_meaning(words: list[str]) -> Meaning | None:
+    """Return the other quantity that the words say, but for the name of a sensor's place."""
+    for pattern, dimension, text in _OTHER_PATTERNS:
+        for number, word in enumerate(words):
+            following = words[number + 1 :]
+            pair = "_".join(words[number : number + 2])
+            if pattern.fullmatch(word) and _SIDE_WORDS.isdisjoint(following):
+                return Meaning(Quantity.other, text, dimension)
+            if pattern.fullmatch(pair) and _SIDE_WORDS.isdisjoint(following[1:]):
+                return Meaning(Quantity.other, text, dimension)
+    return None
+
+
+def names_state(name: str) -> bool:
+    """Return whether the name of a column may be that of a state, as of a signal."""
+    return not _STATE_WORDS.isdisjoint(words_of(name_in_group(name)))
+
+
+# Words of a column that say nothing of what it holds.
+_EMPTY_WORDS = {
+    *("column", "col", "spalte", "data", "daten", "var", "variable", "value", "values", "wert"),
+    *("channel", "chan", "ch", "kanal", "field", "series", "vector", "array", "matrix", "unnamed"),
+    *("abscissa", "axis", "achse", "tick", "ticks", "signal", "sample", "samples", "index", "idx"),
+}
+
+# Single letters that stand for another quantity than the time.
+_TELLING_LETTERS = {"f", "p", "n", "w", "phi", "rad", "deg", "rpm", "hz"}
+
+
+def is_name_empty(name: str) -> bool:
+    """Return whether the name of a column says nothing, so that its numbers may be the time.
+
+    Examples
+    --------
+    >>> is_name_empty("column_0"), is_name_empty("H(:,1)"), is_name_empty("pressure")
+    (True, True, False)
+    """
+    if unknown_unit(name) or meaning_of_name(name) is not None:
+        return False
+    return _says_nothing(split_heading(name_in_group(name))[0])
+
+
+def _says_nothing(heading: str) -> bool:
+    return all(
+        word in _EMPTY_WORDS or (len(word) < 3 and word not in _TELLING_LETTERS) or word.isdecimal()
+        for word in words_of(heading)
+    )
+
+
+def axis_stem(name: str) -> str | None:
+    """Return the name of a sensor without the letter of its axis, or None if it has none.
+
+    Examples
+    --------
+    >>> axis_stem("gx"), axis_stem("mag_Y"), axis_stem("X"), axis_stem("max")
+    ('g', 'mag', '', None)
+    """
+    heading, _ = split_heading(name)
+    match = _AXIS_END.fullmatch(heading)
+    if match is None:
+        return None
+
+    stem, separator, axis, number = match.groups()
+    is_capital = stem[-1:].islower() and axis.isupper()
+    is_known = _meaning_of_heading(stem) is not None
+    if not (separator or is_capital or is_known or len(stem) < 2):
+        return None
+    return (stem + number).lower()
+
+
+_AXIS_END = re.compile(r"(.*?)([_ .\-/]*)([xyzXYZ])(\d*)")
+
+
+def family_of(name: str) -> str:
+    """Return the name of a column without the number or letter that tells it from its like.
+
+    Examples
+    --------
+    >>> family_of("ai0"), family_of("Kanal B"), family_of("X"), family_of("battery")
+    ('ai', 'kanal', '', 'battery')
+    """
+    stem = axis_stem(name)
+    if stem is not None:
+        return stem
+    heading, _ = split_heading(name)
+    return re.sub(r"[_ .-]*\d+$|[_ .-]+[a-zA-Z]$|^[a-zA-Z]$", "", heading).lower()

@@ -240,7 +240,7 @@ def _rises(column: Column) -> bool:
 
 
 def _is_frequency_axis(raw: RawFile, name: str, quantities: Mapping[str, Quantity | None]) -> bool:
-    """Return whether a column of frequencies or orders rises, beside a column that is none.
+    """Return whether a column of frequencies or orders rises, beside another column.
 
     Whole orders that rise by one may count the samples: they are an axis beside a spectrum only.
     """

@@ -1,6 +1,6 @@
 """What the name and the unit of a column say about its quantity, in English and German.
 
-The one place that knows such words: readers, clocks and the selection of channels ask it.
+The one place that knows such name_words: readers, clocks and the selection of channels ask it.
 """
 
 import re
@@ -67,7 +67,7 @@ def name_in_group(name: str) -> str:
     text = name.strip()
     bracketed = _BRACKETED.match(text)
     head = bracketed[1] if bracketed and bracketed[1] else text
-    return (re.split(r"[./]", head)[-1] + text[len(head) :]).strip()
+    return (re.split(r"[./]", head.rstrip("."))[-1] + text[len(head) :]).strip()
 
 
 def split_heading(name: str) -> tuple[str, str]:
@@ -100,7 +100,7 @@ _UNIT_WORDS = {
     "nanosekunden": "ns",
     **dict.fromkeys(("min", "mins", "minute", "minutes", "minuten"), "min"),
     **dict.fromkeys(("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden"), "h"),
-    **dict.fromkeys(("d", "day", "days", "tag", "tage"), "d"),
+    **dict.fromkeys(("d", "day", "days", "tag"), "d"),
 }
 
 # Units that are not also something else: a minimum, a standard deviation, a label.
@@ -131,17 +131,17 @@ def parse_time_name(name: str) -> TimeName | None:
     (TimeName(unit='min'), TimeName(unit='min'), None)
     """
     heading, unit_text = split_heading(name_in_group(name))
-    words = [word for word in words_of(heading) if not word.isdecimal()]
-    if words == ["x", "value"]:
+    name_words = [word for word in words_of(heading) if not word.isdecimal()]
+    if name_words == ["x", "value"]:
         return TimeName(None)
 
     # milli and seconds, epoch and ms, t and s: the unit may have been split from its prefix.
-    units = [_UNIT_WORDS[word] for word in words if word in _UNIT_WORDS]
-    rest = [word for word in words if word not in _UNIT_WORDS]
+    units = [_UNIT_WORDS[word] for word in name_words if word in _UNIT_WORDS]
+    rest = [word for word in name_words if word not in _UNIT_WORDS]
     has_time_word = any(
         word in _TIME_WORDS or _TIME_COMPOUND.fullmatch(word) is not None for word in rest
     )
-    is_unit_alone = not rest and len(words) == 1 and words[0] in _CLEAR_UNIT_WORDS
+    is_unit_alone = not rest and len(name_words) == 1 and name_words[0] in _CLEAR_UNIT_WORDS
     known = (
         word in _TIME_WORDS or word in _TIME_QUALIFIERS or _TIME_COMPOUND.fullmatch(word)
         for word in rest
@@ -161,19 +161,19 @@ def clock_part(name: str, unit: str | None) -> tuple[str, str] | None:
     >>> clock_part("tv_usec", None), clock_part("Minute", None), clock_part("acc", None)
     (('tv', 'us'), ('', 'min'), None)
     """
-    words = words_of(split_heading(name_in_group(name))[0])
-    if words and words[-1] in _UNIT_WORDS:
-        return " ".join(words[:-1]), _UNIT_WORDS[words[-1]]
+    name_words = words_of(split_heading(name_in_group(name))[0])
+    if name_words and name_words[-1] in _UNIT_WORDS:
+        return " ".join(name_words[:-1]), _UNIT_WORDS[name_words[-1]]
     if unit is None or unit not in _UNIT_WORDS.values():
         return None
-    return " ".join(words), unit
+    return " ".join(name_words), unit
 
 
 _SENSOR_WORDS = {
     *("sensor", "sensors", "channel", "chan", "ch", "node", "device", "module", "addr", "address"),
     *("kanal", "achse", "axis", "probe", "source", "port", "board", "transducer", "messstelle"),
     *("messstellen", "station", "tag", "mote", "slave", "imu", "unit", "location", "input"),
-    *("eingang", "sonde", "aufnehmer", "modul", "gerät", "knoten", "quelle"),
+    *("eingang", "sonde", "aufnehmer", "gerät", "knoten", "quelle"),
 }
 _NUMBER_WORDS = {"id", "no", "nr", "num", "number", "nummer", "index", "idx"}
 
@@ -186,9 +186,9 @@ def names_sensor(name: str) -> bool:
     >>> names_sensor("channel"), names_sensor("Sensor-Nr."), names_sensor("Channel 1")
     (True, True, False)
     """
-    words = words_of(name_in_group(name))
-    known = all(word in _SENSOR_WORDS or word in _NUMBER_WORDS for word in words)
-    return known and (words == ["id"] or not _SENSOR_WORDS.isdisjoint(words))
+    name_words = words_of(name_in_group(name))
+    known = all(word in _SENSOR_WORDS or word in _NUMBER_WORDS for word in name_words)
+    return known and (name_words == ["id"] or not _SENSOR_WORDS.isdisjoint(name_words))
 
 
 # ---- other quantities
@@ -217,13 +217,13 @@ _OTHER_WORDS: tuple[tuple[str, str, str], ...] = (
     (_SOUND, "", "sound"),
     (_ROTATION, "", "a rotation"),
     (_MAGNETIC, "", "a magnetic field"),
-    (r"humidity|feuchte|luftfeuchte|light|licht|lux|illuminance|helligkeit|co2|gas", "", "the environment"),
+    (r"humidity|\w*feuchte|light|licht|lux|illuminance|helligkeit|co2|gas", "", "the air or light"),
     (r"rssi|snr|signal_?strength|signalstärke|dbm", "", "a radio signal"),
     (r"strain|dehnung|viscosity|viskosität|density|dichte|level|füllstand", "", "another quantity"),
     (r"angle|winkel\w*|phase|phi|theta|encoder|turns?|\w*umdrehung(?:en)?|revolutions?|revs?|rev"
      r"|degrees?", "", "an angle"),
     (r"distance|weg|strecke|position|depth|tiefe|hub|stroke|heading|course", "", "a position"),
-    (r"set_?points?|soll|\w*sollwert|\w*vorgabe|demand|command|duty|pwm|throttle", "", "a set point"),
+    (r"set_?points?|\w*soll(?:wert)?|\w*vorgabe|demand|command|duty|pwm", "", "a set point"),
 )  # fmt: skip
 _OTHER_PATTERNS = tuple(
     (re.compile(pattern), dimension, text) for pattern, dimension, text in _OTHER_WORDS
@@ -239,6 +239,7 @@ _VIBRATION_WORD = re.compile(
 _MOTION_WORD = re.compile(
     r"velocity|velo|vel|schwinggeschwindigkeit|schnelle|displacement|disp|auslenkung|geophone"
 )
+_ANGULAR_WORD = re.compile(_ROTATION)
 _ELECTRIC_WORD = re.compile(r"voltage|spannung|volts?")
 # Axes of an accelerometer: ax, a_y, AZ, a1x, gFx.
 _ACCELERATION_AXIS = re.compile(r"(?:a[_ ]?\d*[_ ]?|gF|lin_?acc_?)[xyz]\d*", re.IGNORECASE)
@@ -270,10 +271,11 @@ _OTHER_UNITS = {
     *("%", "percent", "%rh", "rh", "% rh", "ppm", "ppb", "db", "dbm", "dba", "db(a)", "dbfs"),
     *("lx", "lux", "lumen", "cd", "ut", "µt", "μt", "mt", "nt", "gauss", "mgauss", "tesla"),
     *("deg/s", "°/s", "dps", "mdps", "grad/s", "rad/s", "rad", "rev", "turns", "u", "rpm", "1/min"),
-    *("u/min", "min-1", "upm", "gpm", "lpm", "l/min", "l/h", "m3/h", "m³/h", "cfm", "sccm", "cst"),
-    *("ph", "ntu", "ohm", "kohm", "Ω", "kω", "ω", "w", "kw", "va", "kva", "var", "wh", "kwh", "mah"),
-    *("ah", "mbar", "bar", "bara", "barg", "psi", "psig", "psia", "pa", "hpa", "kpa", "mpa", "torr"),
-    *("mmhg", "inhg", "nm", "n*m", "n·m", "n", "kn", "lbf", "kg", "lb", "lbs", "ft-lb", "hz", "khz"),
+    *("u/min", "min-1", "upm", "gpm", "lpm", "l/min", "l/h", "m3/h", "m³/h", "cfm", "sccm"),
+    *("cst", "ph", "ntu", "ohm", "kohm", "kω", "ω", "w", "kw", "va", "kva", "var", "wh", "kwh"),
+    *("mah", "ah", "mbar", "bar", "bara", "barg", "psi", "psig", "psia", "pa", "hpa", "kpa"),
+    *("mpa", "torr", "mmhg", "inhg", "nm", "n*m", "n·m", "n", "kn", "lbf", "kg", "lb", "lbs"),
+    *("ft-lb", "hz", "khz"),
     *("µe", "µm/m", "um/m", "ustrain", "microstrain", "km/h", "kmh", "mph", "knots", "kn/h", "v/v"),
     *("us/cm", "µs/cm", "ms/cm", "usv/h", "µsv/h", "w/m2", "w/m²", "mm/h", "°brix", "iu", "bpm"),
 }  # fmt: skip
@@ -300,7 +302,7 @@ def meaning_of_unit(unit: str) -> Meaning | None:
     Examples
     --------
     >>> meaning_of_unit("mg").quantity, meaning_of_unit("dBm").reason, meaning_of_unit("left")
-    (<Quantity.vibration: 'vibration'>, 'in dBm', None)
+    (<Quantity.vibration: 'acceleration, or vibration of any kind'>, 'in dBm', None)
     """
     text = unit.strip()
     normal = normalize_unit(text)
@@ -384,10 +386,10 @@ def _meaning_in_brackets(heading: str, text: str) -> Meaning | None:
 def _meaning_of_groups(name: str) -> Meaning | None:
     """Return what the nearest group or structure that says anything says of its columns."""
     groups = [words_of(part) for part in re.split(r"[./]", name)[:-1]]
-    for words in reversed(groups):
-        if not words or any(map(str.isdecimal, words)):
+    for name_words in reversed(groups):
+        if not name_words or any(map(str.isdecimal, name_words)):
             continue  # speed_860 is the condition of a measurement
-        meaning = _meaning_of_heading(" ".join(words))
+        meaning = _meaning_of_heading(" ".join(name_words))
         if meaning is not None:
             return meaning
     return None
@@ -395,53 +397,74 @@ def _meaning_of_groups(name: str) -> Meaning | None:
 
 def _meaning_of_heading(heading: str) -> Meaning | None:
     """Return the quantity that a name says without its groups and brackets, or None."""
-    words = [word for word in words_of(heading) if not word.isdecimal()]
-    if not words:
+    name_words = [word for word in words_of(heading) if not word.isdecimal()]
+    if not name_words:
         return None
-    if any(_SPECTRUM_WORD.fullmatch(word) for word in words):
-        return Meaning(Quantity.spectrum, "a spectrum")
+    if _has_word(name_words, _SPECTRUM_WORD):
+        return Meaning(Quantity.spectrum, Quantity.spectrum.value)
+    if parse_time_name(heading):
+        return Meaning(Quantity.time, Quantity.time.value)
+    if _names_frequency(name_words):
+        return Meaning(Quantity.frequency, Quantity.frequency.value)
 
-    is_angular = any(re.fullmatch(_ROTATION, word) for word in words)
+    return (
+        _meaning_of_motion(heading, name_words)
+        or _other_meaning(name_words)
+        or _meaning_of_last_part(heading)
+        or _meaning_of_output(name_words)
+    )
+
+
+def _has_word(name_words: list[str], pattern: re.Pattern[str]) -> bool:
+    return any(pattern.fullmatch(word) for word in name_words)
+
+
+def _meaning_of_motion(heading: str, name_words: list[str]) -> Meaning | None:
+    """Return that the words name a velocity, a displacement or a vibration, or None."""
+    if _ACCELERATION_AXIS.fullmatch(heading):
+        return Meaning(Quantity.vibration, "an axis of acceleration")
+    if _has_word(name_words, _ANGULAR_WORD):
+        return None
     for quantity, pattern in (
         (Quantity.motion, _MOTION_WORD),
         (Quantity.vibration, _VIBRATION_WORD),
     ):
-        if not is_angular and any(pattern.fullmatch(word) for word in words):
+        if _has_word(name_words, pattern):
             return Meaning(quantity, quantity.value)
-    if _ACCELERATION_AXIS.fullmatch(heading):
-        return Meaning(Quantity.vibration, "an axis of acceleration")
-    if parse_time_name(heading):
-        return Meaning(Quantity.time, "a time")
-    if _names_frequency(words):
-        return Meaning(Quantity.frequency, Quantity.frequency.value)
+    return None
 
-    other = _other_meaning(words)
-    if other is not None:
-        return other
-    last_part = re.split(r"[\s_]", heading)[-1].lower()
-    if len(words) > 1 and last_part in _TRAILING_UNITS:
-        return Meaning(Quantity.other, f"in {re.split('[ _]', heading)[-1]}")
-    if any(_ELECTRIC_WORD.fullmatch(word) for word in words):
+
+def _meaning_of_last_part(heading: str) -> Meaning | None:
+    """Return what a unit at the end of a name says, as in ``T_degF``, or None."""
+    parts = re.split(r"[\s_]+", heading)
+    if len(parts) > 1 and parts[-1].lower() in _TRAILING_UNITS:
+        return Meaning(Quantity.other, f"in {parts[-1]}")
+    return None
+
+
+def _meaning_of_output(name_words: list[str]) -> Meaning | None:
+    """Return that the words name the voltage of a sensor, or a class, or None."""
+    if _has_word(name_words, _ELECTRIC_WORD):
         return Meaning(Quantity.electric, "a voltage")
-    if not _LABEL_WORDS.isdisjoint(words):
+    if not _LABEL_WORDS.isdisjoint(name_words):
         return Meaning(Quantity.label, Quantity.label.value)
     return None
 
 
-def _names_frequency(words: list[str]) -> bool:
-    is_frequency = [_FREQUENCY_NAME.fullmatch(word) is not None for word in words]
-    is_qualifier = [word in _FREQUENCY_QUALIFIERS for word in words]
-    return is_frequency[0] and all(
-        either for either in map(any, zip(is_frequency, is_qualifier, strict=True))
+def _names_frequency(name_words: list[str]) -> bool:
+    if _FREQUENCY_NAME.fullmatch(name_words[0]) is None:
+        return False
+    return all(
+        _FREQUENCY_NAME.fullmatch(word) or word in _FREQUENCY_QUALIFIERS for word in name_words
     )
 
 
-def _other_meaning(words: list[str]) -> Meaning | None:
+def _other_meaning(name_words: list[str]) -> Meaning | None:
     """Return the other quantity that the words say, but for the name of a sensor's place."""
     for pattern, dimension, text in _OTHER_PATTERNS:
-        for number, word in enumerate(words):
-            following = words[number + 1 :]
-            pair = "_".join(words[number : number + 2])
+        for number, word in enumerate(name_words):
+            following = name_words[number + 1 :]
+            pair = "_".join(name_words[number : number + 2])
             if pattern.fullmatch(word) and _SIDE_WORDS.isdisjoint(following):
                 return Meaning(Quantity.other, text, dimension)
             if pattern.fullmatch(pair) and _SIDE_WORDS.isdisjoint(following[1:]):
@@ -500,12 +523,13 @@ def axis_stem(name: str) -> str | None:
 
     stem, separator, axis, number = match.groups()
     is_capital = stem[-1:].islower() and axis.isupper()
-    is_known = _meaning_of_heading(stem) is not None
+    is_known = _AXIS_STEM.fullmatch(stem) is not None
     if not (separator or is_capital or is_known or len(stem) < 2):
         return None
     return (stem + number).lower()
 
 
+_AXIS_STEM = re.compile(r"acc|accel|acceleration|vib|gyr|gyro|mag|rot|vel|disp", re.IGNORECASE)
 _AXIS_END = re.compile(r"(.*?)([_ .\-/]*)([xyzXYZ])(\d*)")
 
 

@@ -23,6 +23,8 @@ from swashtwin.monitoring import serving_page
 from swashtwin_bench import build_rig
 
 PORT = 18765
+TOKEN = "benchmark"
+ADDRESS = f"http://127.0.0.1:{PORT}/?token={TOKEN}"
 RECESS = {
     "depth": 6e-4,
     "length": 0.03,
@@ -50,7 +52,7 @@ def told(**figures: object) -> None:
 def first_picture(page: Page) -> None:
     """Time until the table stands, of an explorer that has opened nothing yet."""
     begun = time.perf_counter()
-    page.goto(f"http://127.0.0.1:{PORT}/#recordings")
+    page.goto(f"{ADDRESS}#recordings")
     page.locator("table.recordings tbody tr >> nth=8").wait_for()
     told(figure="first picture", seconds=round(time.perf_counter() - begun, 2))
 
@@ -64,7 +66,7 @@ def slider(page: Page, fault: str, label: str, dimensions: dict[str, float]) -> 
         **({"dimensions": dimensions} if dimensions else {}),
     }
     page.goto("about:blank")
-    page.goto(f"http://127.0.0.1:{PORT}/#twin?setting={quote(json.dumps(setting))}")
+    page.goto(f"{ADDRESS}#twin?setting={quote(json.dumps(setting))}")
     page.locator("text=Misfit by line").wait_for()
     page.wait_for_timeout(1500)
     knob = page.get_by_label(label).first
@@ -93,7 +95,8 @@ def main(folder: Path) -> None:
         )
         page = chromium.new_page(viewport={"width": 1280, "height": 900})
         page.set_default_timeout(60_000)
-        with serving_page(build_explorer(Workspace(index)), "127.0.0.1", PORT):
+        explorer = build_explorer(Workspace(index), address_token=TOKEN)
+        with serving_page(explorer, "127.0.0.1", PORT):
             first_picture(page)
             page.locator("text=still being read").wait_for(state="hidden")
             for each in SLIDERS:

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from explored import open_explorer
 from starlette.testclient import TestClient
 
-from swashtwin.explorer import Workspace, build_explorer
+from swashtwin.explorer import Workspace
 
 if TYPE_CHECKING:
     from plant import Plant
@@ -47,4 +48,4 @@ def workspace(folder: Path) -> Workspace:
 @pytest.fixture
 def client(workspace: Workspace) -> TestClient:
     """A browser without scripts."""
-    return TestClient(build_explorer(workspace), base_url="http://127.0.0.1:8643")
+    return open_explorer(workspace)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from chromium import MARKS, check_access, check_phone, playwright, started_browser, tabs  # noqa: F401
-from explored import HEALTHY, WORN
+from explored import ADDRESS_TOKEN, HEALTHY, WORN
 from mqtt_broker import free_port
 from plant import Plant
 
@@ -37,7 +37,8 @@ def served_folder(pair_folder: Path, tmp_path_factory: pytest.TempPathFactory) -
 def address(served_folder: Path, plant: Plant) -> Iterator[str]:
     """Address of an explorer of the folder."""
     port = free_port()
-    with serving_page(build_explorer(Workspace(served_folder), plant.model), "127.0.0.1", port):
+    explorer = build_explorer(Workspace(served_folder), plant.model, address_token=ADDRESS_TOKEN)
+    with serving_page(explorer, "127.0.0.1", port):
         yield f"http://127.0.0.1:{port}"
 
 
@@ -48,7 +49,7 @@ def tab(browser, address: str) -> Iterator[object]:
 
 
 def enter(tab, room: str) -> None:
-    tab.goto(f"/{room}")
+    tab.goto(f"/?token={ADDRESS_TOKEN}{room}")
     tab.locator(LOADED[room]).first.wait_for()
 
 
@@ -62,6 +63,14 @@ def test_the_table_shows_an_unreadable_file_first(tab) -> None:
     tab.get_by_text("▲ broken").wait_for()
 
     assert "broken" in tab.locator("table.recordings tbody tr").first.inner_text()
+
+
+def test_the_token_leaves_the_address_and_a_reload_still_shows_the_page(tab) -> None:
+    enter(tab, "#recordings")
+    assert ADDRESS_TOKEN not in tab.url
+
+    tab.reload()
+    tab.locator(LOADED["#recordings"]).first.wait_for()
 
 
 def test_the_table_is_filtered_and_opened_by_keyboard(tab) -> None:
@@ -256,8 +265,9 @@ def test_a_minute_at_50_khz_is_panned_at_thirty_frames_a_second(browser, tmp_pat
       return (chart.frames - frames) / 2;
     }"""
 
-    with serving_page(build_explorer(Workspace(path)), "127.0.0.1", port):
+    explorer = build_explorer(Workspace(path), address_token=ADDRESS_TOKEN)
+    with serving_page(explorer, "127.0.0.1", port):
         for tab in tabs(browser, f"http://127.0.0.1:{port}"):
-            tab.goto("/#recording?name=long")
+            tab.goto(f"/?token={ADDRESS_TOKEN}#recording?name=long")
             tab.locator("canvas[aria-label^='Waterfall']").wait_for()
             assert tab.evaluate(pan) >= 30

@@ -3,18 +3,18 @@
 import re
 
 import pytest
-from explored import HEALTHY, WORN, send, token
+from explored import HEALTHY, WORN, open_explorer, send, token
 from plant import Plant
 from starlette.testclient import TestClient
 
 from swashtwin.diagnosis import load_model
-from swashtwin.explorer import Workspace, build_explorer
+from swashtwin.explorer import Workspace
 
 
 def test_the_verdict_is_that_of_the_diagnose_command_with_its_evidence(
     workspace: Workspace, plant: Plant
 ) -> None:
-    client = TestClient(build_explorer(workspace, plant.model), base_url="http://127.0.0.1")
+    client = open_explorer(workspace, plant.model)
 
     answer = client.get("/api/diagnosis", params={"name": WORN}).json()
 

@@ -6,9 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pytest
-from explored import HEALTHY, WORN, send
+from explored import ADDRESS_TOKEN, HEALTHY, WORN, open_explorer, send
 from mqtt_broker import free_port
 from starlette.testclient import TestClient
 
@@ -149,7 +150,7 @@ def test_an_index_is_written_with_the_first_fact_and_not_before(tmp_path: Path) 
         samples = np.random.default_rng(0).normal(size=(4000, 2))
         file = tmp_path / f"{name}.csv"
         np.savetxt(file, samples, delimiter=",", header="x,y", comments="")
-    client = TestClient(build_explorer(Workspace(tmp_path)), base_url="http://127.0.0.1")
+    client = open_explorer(Workspace(tmp_path))
 
     # a table states neither its rate nor its unit
     assert {"sample_rate", "unit"} <= client.get("/api/rows").json()["questions"].keys()
@@ -184,6 +185,60 @@ def test_another_site_cannot_change_a_fact(
 
     assert answer.status_code == code
     assert (folder / "recordings.toml").read_text() == original_index
+
+
+@pytest.fixture
+def stranger(workspace: Workspace) -> TestClient:
+    """A browser of another user of the computer, who does not know the token."""
+    explorer = build_explorer(workspace, address_token=ADDRESS_TOKEN)
+    return TestClient(explorer, base_url="http://127.0.0.1:8643")
+
+
+STRANGE_REQUESTS = [
+    pytest.param("", {}, id="nothing"),
+    pytest.param("?token=", {}, id="empty"),
+    pytest.param("?token=guessed", {}, id="guessed"),
+    pytest.param(f"?token={ADDRESS_TOKEN[:-1]}", {}, id="too short"),
+    pytest.param(f"?token={ADDRESS_TOKEN}x", {}, id="too long"),
+    pytest.param("?token=%ff%00\u00e4", {}, id="not ASCII"),
+    pytest.param(f"?Token={ADDRESS_TOKEN}", {}, id="other parameter"),
+    pytest.param("", {"cookie": "swashtwin_explorer_8643=guessed"}, id="guessed cookie"),
+    pytest.param("", {"cookie": f"swashtwin_explorer_8644={ADDRESS_TOKEN}"}, id="other port"),
+    pytest.param("", {"cookie": f"swashtwin_visit={ADDRESS_TOKEN}"}, id="cookie of the watch"),
+    pytest.param("", {"connection": "upgrade", "upgrade": "websocket"}, id="web socket"),
+]
+
+
+@pytest.mark.parametrize(("query", "headers"), STRANGE_REQUESTS)
+def test_another_user_of_the_computer_reads_nothing(
+    stranger: TestClient, query: str, headers: dict[str, str]
+) -> None:
+    for path in ("/", "/api/rows", "/api/samples", "/static/explorer.js", "/nowhere"):
+        answer = stranger.get(path + query, headers=headers)
+        assert answer.status_code == 403
+        # the sentence says how to get in, and the token is not in it
+        assert "`swashtwin explore` printed" in answer.text
+        assert ADDRESS_TOKEN not in answer.text + str(answer.headers)
+    for method in ("HEAD", "OPTIONS", "POST", "PUT", "DELETE"):
+        assert stranger.request(method, f"/api/facts{query}", headers=headers).status_code == 403
+
+
+def test_the_token_of_the_address_becomes_a_cookie(stranger: TestClient) -> None:
+    answer = stranger.get("/", params={"token": ADDRESS_TOKEN})
+
+    cookie = answer.headers["set-cookie"]
+    assert cookie.startswith("swashtwin_explorer_8643=")
+    assert {"HttpOnly", "SameSite=strict", "Path=/"} <= set(cookie.split("; "))
+    assert answer.headers["cache-control"] == "no-store"
+
+    # from now on without the token in the address, which is in no answer
+    assert ADDRESS_TOKEN not in answer.text
+    assert stranger.get("/api/rows").status_code == 200
+    assert "set-cookie" not in stranger.get("/").headers
+
+
+def test_a_program_sends_the_token_with_its_request(stranger: TestClient) -> None:
+    assert stranger.get("/api/rows", params={"token": ADDRESS_TOKEN}).status_code == 200
 
 
 @pytest.mark.parametrize("room", ["samples", "spectrum", "waterfall", "rms"])
@@ -226,9 +281,21 @@ def test_the_explore_command_serves_until_it_is_ended(folder: Path) -> None:
     port = str(free_port())
     command = [sys.executable, "-m", "swashtwin", "explore", str(folder), "--port", port]
 
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stderr is not None
-        assert f"http://127.0.0.1:{port}/" in process.stderr.readline()
+        line = process.stderr.readline()
+        assert f"http://127.0.0.1:{port}/" in line
+
+        # the printed address answers, and nothing else does
+        match = re.search(r"http://\S+\?token=([\w-]{43})", line)
+        assert match
+        assert httpx.get(match[0]).status_code == 200
+        assert httpx.get(f"http://127.0.0.1:{port}/").status_code == 403
+        assert httpx.get(f"http://127.0.0.1:{port}/?token=wrong").status_code == 403
 
         process.terminate()
-        assert process.wait(60) == 0
+        output, errors = process.communicate(timeout=60)
+        assert process.returncode == 0
+        assert match[1] not in output + errors

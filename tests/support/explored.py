@@ -1,12 +1,25 @@
 """The recordings that the explorer's tests look at, and how its script sends what it changes."""
 
 import re
+from pathlib import Path
 
 from httpx import Response
 from starlette.testclient import TestClient
 
+from swashtwin.explorer import Workspace, build_explorer
+
 HEALTHY = "recordings/A_normal_15MPa_1.h5"
 WORN = "recordings/A_swash_plate_15MPa_1.h5"
+
+ADDRESS_TOKEN = "token-of-the-address"
+
+
+def open_explorer(workspace: Workspace, model: Path | None = None) -> TestClient:
+    """A browser without scripts that was opened with the address of the explorer."""
+    explorer = build_explorer(workspace, model, address_token=ADDRESS_TOKEN)
+    client = TestClient(explorer, base_url="http://127.0.0.1:8643")
+    assert client.get("/", params={"token": ADDRESS_TOKEN}).status_code == 200
+    return client
 
 
 def token(client: TestClient) -> str:

@@ -13,6 +13,7 @@ from starlette.middleware import Middleware
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 
+from swashtwin.explorer.address_token import TOKEN_PARAMETER, AddressToken
 from swashtwin.explorer.diagnoses import Diagnoses
 from swashtwin.explorer.recording_views import RecordingViews
 from swashtwin.explorer.twins import TwinWorkbench
@@ -37,26 +38,30 @@ _UPLOAD_PATHS = frozenset({"/api/facts", "/api/drop"})
 Action = Callable[..., Any]
 
 
-def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
+def build_explorer(
+    workspace: Workspace, model: Path | None = None, *, address_token: str
+) -> FastAPI:
     """Return the explorer of a workspace, to be served on this computer only.
 
     Parameters
     ----------
     model : file of a model for diagnoses.
+    address_token : the secret that a request requires (`AddressToken`).
     """
-    token = secrets.token_urlsafe(32)
+    page_token = secrets.token_urlsafe(32)
     guard = Middleware(Guard, access=Access(PageSettings()), uploads=_UPLOAD_PATHS)
+    gate = Middleware(AddressToken, token=address_token)
     application = FastAPI(
-        title="swashtwin explore", version=VERSION, openapi_url=None, middleware=[guard]
+        title="swashtwin explore", version=VERSION, openapi_url=None, middleware=[guard, gate]
     )
-    _add_page(application, token)
+    _add_page(application, page_token)
     _handle_errors(application)
 
     views = RecordingViews(workspace)
     twins = TwinWorkbench(workspace)
     diagnoses = Diagnoses(workspace, model)
     _add_reading(application, workspace, views, twins, diagnoses)
-    _add_changes(application, token, workspace, twins, diagnoses)
+    _add_changes(application, page_token, workspace, twins, diagnoses)
 
     # The style sheet and the icon are those of the watch's page.
     packages: list[str | tuple[str, str]] = [
@@ -67,9 +72,9 @@ def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
     return application
 
 
-def _add_page(application: FastAPI, token: str) -> None:
+def _add_page(application: FastAPI, page_token: str) -> None:
     templates = load_templates("swashtwin.explorer")
-    html = templates.get_template("explorer.html.jinja").render(version=VERSION, token=token)
+    html = templates.get_template("explorer.html.jinja").render(version=VERSION, token=page_token)
 
     @application.get("/", response_class=HTMLResponse)
     def page() -> str:
@@ -115,7 +120,7 @@ def _add_reading(
 
 def _add_changes(
     application: FastAPI,
-    token: str,
+    page_token: str,
     workspace: Workspace,
     twins: TwinWorkbench,
     diagnoses: Diagnoses,
@@ -124,7 +129,7 @@ def _add_changes(
 
     def require_token(request: Request) -> None:
         sent_token = request.headers.get(TOKEN_HEADER, "")
-        if not secrets.compare_digest(sent_token.encode(), token.encode()):
+        if not secrets.compare_digest(sent_token.encode(), page_token.encode()):
             raise HTTPException(403, "The page has expired. Reload it.")
 
     def answer_questions(answers: dict[str, str]) -> dict[str, Any]:
@@ -195,7 +200,8 @@ def run_explorer(
 
     Parameters
     ----------
-    started : called with the address once the page can be opened.
+    started : called with the address once the page can be opened. It holds a new token, and only
+        a browser that was started with it, or a program that sends it, gets an answer.
 
     Raises
     ------
@@ -204,6 +210,8 @@ def run_explorer(
     InputError
         Another program uses the port.
     """
-    with serving_page(build_explorer(Workspace(source), model), "127.0.0.1", port):
-        started(f"http://127.0.0.1:{port}/")
+    token = secrets.token_urlsafe(32)
+    application = build_explorer(Workspace(source), model, address_token=token)
+    with serving_page(application, "127.0.0.1", port):
+        started(f"http://127.0.0.1:{port}/?{TOKEN_PARAMETER}={token}")
         stop.wait()

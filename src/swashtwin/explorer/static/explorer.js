@@ -116,6 +116,9 @@ function useKey(event) {
   event.preventDefault();
 }
 
+// The token is in a cookie now; in the address it would be copied with links.
+if (location.search) history.replaceState(null, "", location.pathname + location.hash);
+
 onRecordingsChanged(() => page?.update?.());
 document.addEventListener("keydown", useKey);
 document.getElementById("keys").addEventListener("click", () => help.showModal());

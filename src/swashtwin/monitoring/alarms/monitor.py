@@ -321,7 +321,7 @@ class OperatingPointJudgment:
 class OperatingPointMonitor:
     """The rule of alarms for one machine, without any state.
 
-    docs/how-to/alarms.md describes the method.
+    docs/explanation/alarms.md describes the method.
     """
 
     machine: str

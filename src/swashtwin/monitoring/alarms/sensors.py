@@ -21,7 +21,8 @@ from swashtwin.recordings import (
 )
 
 # All limits are chosen so that less than one healthy recording in 1,000 has a finding; the table in
-# docs/how-to/alarms.md lists them, and the study `alarms` measured 0 of 5,200 healthy recordings.
+# docs/explanation/alarms.md lists them, and the study `alarms` measured 0 of 5,200 healthy
+# recordings.
 
 FLAT_SHARE = 0.1
 """Share of the samples in stretches of one value from which on a channel is flat."""

@@ -310,6 +310,25 @@ def test_items_of_one_kind_do_not_overwrite_each_other(diagnosis, tmp_path):
     assert numbers(tmp_path / "figures" / "diagnosis_2_scores.csv", "score").tolist() == [0.8, 0.2]
 
 
+def test_an_unknown_recording_has_no_shares_of_trained_classes(diagnosis, tmp_path):
+    unknown = replace(
+        diagnosis,
+        unknown=True,
+        error_rate=0.1,
+        p_value=0.01,
+        score=9.0,
+        threshold=2.0,
+        probabilities={"normal": 0.01, "piston": 0.99},
+        basis="cross-validation",
+        n_basis=100,
+    )
+    page = write_report(unknown, folder=tmp_path).read_text(encoding="utf-8")
+    assert "Unknown: unlike the recordings of the training" in page
+    assert "more than 90 % of the training recordings do (n = 100)" in plain(page)
+    assert "99 %" not in page
+    assert not list(tmp_path.glob("figures/*_scores.*"))
+
+
 def test_a_full_disk_leaves_the_old_report_and_no_temporary_files(
     diagnosis, study, tmp_path, monkeypatch
 ):

@@ -94,10 +94,10 @@ def build_diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     if diagnosis.unknown or is_healthy(diagnosis.label):
         marked_labels = ()
 
-    blocks: list[Any] = [
-        Bullets("Further notes", notes[_MAX_CARD_NOTES:]),
-        draw_probabilities(diagnosis, key),
-    ]
+    blocks: list[Any] = [Bullets("Further notes", notes[_MAX_CARD_NOTES:])]
+    if not diagnosis.unknown:
+        # shares among the trained classes presume one of them, so they would contradict "unknown"
+        blocks.append(draw_probabilities(diagnosis, key))
     choice_blocks = build_choice_blocks(diagnosis.choice)
     if choice_blocks:
         blocks.append(Group("How the model was chosen", choice_blocks, is_open=False))
@@ -190,7 +190,7 @@ def _describe_verdict(diagnosis: Diagnosis) -> tuple[str, Tone]:
     if diagnosis.is_prior_unknown:
         return "Unknown: like a fault outside the trained classes", "unsure"
     if diagnosis.unknown:
-        return "Unknown: unlike every recording of the training", "unsure"
+        return "Unknown: unlike the recordings of the training", "unsure"
     if len(diagnosis.prediction_set) > 1:
         return f"Not certain: {' or '.join(map(format_label, diagnosis.prediction_set))}", "unsure"
     if is_healthy(diagnosis.label):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as some
+from judgments import judgment
 from msgspec.structs import replace
 from starlette.testclient import TestClient
 
@@ -82,6 +83,21 @@ def test_a_recording_shows_verdict_evidence_and_what_to_check(client: TestClient
     assert next_checks("swash_plate")[-1].what in text
     assert text.count('<svg class="drawing"') == 3
     assert "1500 rpm" in text
+
+
+def test_an_unknown_recording_has_no_shares_of_trained_classes(client: TestClient, plant) -> None:
+    verdict = {"unknown": True, "error_rate": 0.1, "probabilities": {"swash_plate": 0.99}}
+    suspect = {"certainty": "unknown", "sentence": "Suspect unknown.", "probabilities": {"a": 0.99}}
+    reasons = dict.fromkeys(("findings", "moved", "sentences", "notes"), [])
+    reasons |= {"verdict": verdict, "suspect": suspect}
+    unknown = judgment(900, label="unknown", ood_p=0.01, reasons=reasons)
+    with plant.history.machine("pump-1") as transaction:
+        transaction.add_recording(unknown)
+        number = unknown.id
+
+    text = client.get(f"/recordings/{number}").text
+    assert "differs from every trained class" in text
+    assert "99 %" not in text
 
 
 def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(

@@ -256,16 +256,19 @@ function neighborItem(neighbor) {
  * @param {any} diagnosis
  */
 function uncertainty(diagnosis) {
-  const shares = Object.entries(diagnosis.probabilities ?? {}).sort((a, b) => b[1] - a[1]);
-  const pValue = diagnosis.p_value === null ? null : formatNumber(diagnosis.p_value, 2);
-  if (!shares.length && pValue === null) return null;
+  // Shares presume one of the trained classes, so they would contradict "unknown".
+  const probabilities = diagnosis.unknown ? {} : (diagnosis.probabilities ?? {});
+  const shares = Object.entries(probabilities).sort((a, b) => b[1] - a[1]);
+  // A verdict that is unknown in spite of a large p-value has another reason, which it states.
+  const hasOtherReason = diagnosis.unknown && diagnosis.p_value > diagnosis.error_rate;
+  const showsPValue = diagnosis.p_value !== null && !hasOtherReason;
+  if (!shares.length && !showsPValue) return null;
 
   const parts = [element("h2", {}, "Uncertainty")];
   if (shares.length) parts.push(probabilityTable(shares));
-  // A verdict that is unknown in spite of a large p-value has another reason, which it states.
-  const isUnknown = diagnosis.verdict === "unknown" && diagnosis.p_value > diagnosis.error_rate;
-  if (pValue !== null && !(shares.length && isUnknown)) {
-    const basis = shares.length ? "training" : "healthy";
+  if (showsPValue) {
+    const basis = diagnosis.kind === "detector" ? "healthy" : "training";
+    const pValue = formatNumber(diagnosis.p_value, 2);
     const text = `p-value among ${diagnosis.n_basis} ${basis} recordings: ${pValue}.`;
     parts.push(element("p", { class: "soft" }, text));
   }

@@ -4,6 +4,7 @@ import base64
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import httpx
@@ -84,6 +85,19 @@ def test_the_mark_of_the_pistons_stands_at_a_line_of_the_spectrum(
     # the measured speed is not exactly the nominal one
     piston_line = amplitude[:, index - 5 : index + 6].max(axis=1)
     assert (piston_line > 5 * np.median(amplitude, axis=1)).any()
+
+
+def test_only_a_specified_number_of_pistons_is_marked(
+    client: TestClient, workspace: Workspace
+) -> None:
+    marks = client.get("/api/spectrum", params={"name": WORN}).json()["marks"]
+    assert not any(of_pistons for _, _, of_pistons in marks)
+
+    row = workspace.rows[WORN]
+    assert row.recording is not None
+    assert row.to_dict()["pistons"] is None
+    nine_pistons = row.recording.replace(attributes={"pistons": "9"})
+    assert replace(row, recording=nine_pistons).to_dict()["pistons"] == 9
 
 
 @pytest.mark.parametrize("kind", ["amplitude", "order"])

@@ -277,8 +277,8 @@ CHECKS = MappingProxyType(
         "piston": (
             Check(
                 _DRAIN,
-                "Leakage grows with the cube of the radial clearance; one worn piston of seven "
-                "drains more, once per turn.",
+                "Leakage grows with the cube of the radial clearance; one worn piston drains more "
+                "than the others, once per turn.",
             ),
             Check(
                 "Measure the pressure ripple at the outlet, by order.",

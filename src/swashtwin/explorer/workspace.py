@@ -36,6 +36,7 @@ from swashtwin.recordings import (
     resolve_index_path,
     specified_pressure,
     specified_shaft_frequency,
+    summarize_recordings,
 )
 
 Name = Annotated[str, Query(max_length=1000)]
@@ -107,6 +108,7 @@ def _describe_recording(recording: Recording) -> dict[str, Any]:
         "specimen": recording.specimen,
         "rpm": None if shaft_hz is None else 60 * shaft_hz,
         "mpa": None if math.isnan(pressure) else pressure / 1e6,
+        "pistons": summarize_recordings([recording]).pistons,
         "channels": recording.channels,
         "unit": recording.unit,
         "rate": recording.sample_rate,

@@ -167,7 +167,7 @@ def rig_notice(facts: RecordingSummary) -> str:
     )
 
 
-_ORDER = "A frequency as a multiple of the shaft's: what happens seven times per turn has order 7."
+_ORDER = "A frequency as a multiple of the shaft's: what happens three times per turn has order 3."
 _WINDOW = "A section of fixed length of a recording; the model classifies each one."
 _AUROC_SCALE = "0.5 is a coin, 1 is perfect."
 TERMS = MappingProxyType(

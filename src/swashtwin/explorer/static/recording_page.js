@@ -35,7 +35,7 @@ const MAP_AXES = /** @type {[string, string][]} */ ([
   ["orders", "shaft orders"],
 ]);
 /** Settings that the next recording starts with. */
-const STORED_SETTINGS = ["kind", "healthy", "map", "pistons", "bodies", "ratio", "channels"];
+const STORED_SETTINGS = ["kind", "healthy", "map", "bodies", "ratio", "channels"];
 const ADDRESS_SETTINGS = [
   "kind",
   "healthy",
@@ -55,6 +55,42 @@ const FIRST_ORDER_END = 80;
 const REMEMBER_DELAY_MS = 300;
 const CLASS_KEYS = 9;
 
+/**
+ * Return the number of pistons that the recording specifies, or that was entered for its machine.
+ *
+ * @param {Row} row
+ */
+function knownPistons(row) {
+  if (row.pistons) return String(row.pistons);
+  return enteredPistons()[machineKey(row)] ?? "";
+}
+
+/**
+ * Keep an entered number of pistons for the other recordings of the machine.
+ *
+ * @param {Row} row
+ * @param {string} pistons
+ */
+function storePistons(row, pistons) {
+  if (pistons === knownPistons(row)) return;
+  const entered = { ...enteredPistons(), [machineKey(row)]: pistons };
+  localStorage.setItem("pistons", JSON.stringify(entered));
+}
+
+/** @returns {Record<string, string>} */
+function enteredPistons() {
+  return JSON.parse(localStorage.getItem("pistons") ?? "{}");
+}
+
+/**
+ * Return a name of the machine that no other source of recordings has.
+ *
+ * @param {Row} row
+ */
+function machineKey(row) {
+  return JSON.stringify([state.source, row.specimen ?? null]);
+}
+
 class RecordingPage {
   /**
    * @param {HTMLElement} place
@@ -68,7 +104,7 @@ class RecordingPage {
       kind: "amplitude",
       healthy: "band",
       map: "time",
-      pistons: "7",
+      pistons: knownPistons(row),
       bodies: "",
       ratio: "",
       channels: "",
@@ -206,6 +242,7 @@ class RecordingPage {
   remember() {
     const stored = Object.fromEntries(STORED_SETTINGS.map((key) => [key, this.settings[key]]));
     localStorage.setItem("view", JSON.stringify(stored));
+    storePistons(this.row, this.settings.pistons);
 
     // "healthy" is kept if it is empty, too: without it the band would be shown again.
     const settings = ADDRESS_SETTINGS.map((key) => [key, this.settings[key]]);
@@ -262,7 +299,11 @@ class RecordingPage {
   }
 
   async proposeSpeed() {
-    const pistons = this.settings.pistons || "7";
+    const { pistons } = this.settings;
+    if (!pistons) {
+      this.proposal.textContent = "Enter the number of pistons below first. ";
+      return;
+    }
     const speed = await request("speed", { name: this.name, pistons });
     const rpm = `${formatNumber(speed.rpm, 5)} rpm`;
     const clarity = Math.round(100 * speed.clarity);

@@ -16,6 +16,7 @@
  * @property {string | null} [file]
  * @property {number | null} [rpm]
  * @property {number | null} [mpa]
+ * @property {number | null} [pistons] Number of pistons, if the recording specifies it.
  * @property {string[]} [channels]
  * @property {string} [unit]
  * @property {number} [rate] Sample rate [Hz].

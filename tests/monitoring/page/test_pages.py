@@ -88,7 +88,7 @@ def test_a_recording_shows_verdict_evidence_and_what_to_check(client: TestClient
 def test_an_unknown_recording_has_no_shares_of_trained_classes(client: TestClient, plant) -> None:
     verdict = {"unknown": True, "error_rate": 0.1, "probabilities": {"swash_plate": 0.99}}
     suspect = {"certainty": "unknown", "sentence": "Suspect unknown.", "probabilities": {"a": 0.99}}
-    reasons = dict.fromkeys(("findings", "moved", "sentences", "notes"), [])
+    reasons: dict[str, object] = {name: [] for name in ("findings", "moved", "sentences", "notes")}
     reasons |= {"verdict": verdict, "suspect": suspect}
     unknown = judgment(900, label="unknown", ood_p=0.01, reasons=reasons)
     with plant.history.machine("pump-1") as transaction:

@@ -307,3 +307,23 @@ def test_blocks_of_65536_samples_are_not_joined(tmp_path: Path) -> None:
 
     with pytest.raises(DataError, match="different start times"):
         load_recording(tmp_path / "a.parquet", unit="g")
+
+
+def test_samples_lost_as_a_counter_begins_again_are_a_gap(tmp_path: Path) -> None:
+    counts = (2**32 - 700 * 250 + 250 * np.arange(2000)) % 2**32
+    kept = np.delete(counts, [699, 700, 701]).astype(float)
+    path = write_table(tmp_path / "a.csv", {"micros": kept, "ax": vibration(1997)})
+
+    (message,) = errors_of(path, unit="g")
+
+    assert "the worst is 0.001 s" in message
+
+
+def test_ticks_without_a_unit_ask_for_it_or_for_the_rate(tmp_path: Path) -> None:
+    counts = (60_000.0 + 40 * np.arange(4000)) % 65_536
+    path = write_table(tmp_path / "a.csv", {"ticks": counts, "ax": vibration(4000)})
+
+    with pytest.raises(DataError) as refusal:
+        load_recording(path, unit="g")
+
+    assert refusal.value.field in ("time_unit", "sample_rate")

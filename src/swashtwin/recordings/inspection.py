@@ -16,6 +16,7 @@ from swashtwin.recordings.dataset_checks import (
     level_findings,
 )
 from swashtwin.recordings.findings import Finding, Severity, join_names
+from swashtwin.recordings.formats.raw_file import UNCLOSED
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.speed_checks import check_sample_rate, check_specified_speed
 from swashtwin.recordings.window_checks import window_findings
@@ -24,7 +25,11 @@ from swashtwin.recordings.window_checks import window_findings
 _MAX_LOADED_VALUES = 1 << 24
 
 # Attribute that a reader leaves, kind of the note about it, and the beginning of its message.
+#
+# What was never closed is a warning.
 _ATTRIBUTE_NOTES = (
+    (UNCLOSED, "unclosed", "the recorder never closed this file, which is read to its end: "),
+    ("left_out", "left_out", "vectors were skipped: "),
     ("text_columns", "left_out", "columns of text or dates were skipped: "),
     ("blank_columns", "left_out", "columns that are blank were skipped: "),
     ("counter_columns", "left_out", "columns that count the samples were skipped: "),
@@ -210,7 +215,8 @@ def _report_recording(
     ]
     for attribute, kind, prefix in _ATTRIBUTE_NOTES:
         if text := recording.attributes.get(attribute):
-            findings.append(Finding(kind, "note", None, f"{prefix}{text}."))
+            severity: Severity = "warning" if attribute == UNCLOSED else "note"
+            findings.append(Finding(kind, severity, None, f"{prefix}{text}."))
 
     channels = []
     for name, channel in zip(recording.channels, statistics, strict=True):

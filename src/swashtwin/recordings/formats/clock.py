@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from swashtwin.foundation import DataError, UnitError, parse_quantity, propose_setting
 from swashtwin.recordings.columns import Column, slice_column
+from swashtwin.recordings.formats.array_shapes import require_recording_shape
 from swashtwin.recordings.formats.axes import require_samples, settle_axes
 from swashtwin.recordings.formats.column_names import (
     is_name_empty,
@@ -93,6 +94,7 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
     another recording begins.
     """
     raw = settle_axes(path, raw, options)
+    require_recording_shape(path, raw.columns, options)
     raw = trim_short_pairs(raw, lambda name: parse_time_name(name) is not None)
     clock_names = _find_clocks(path, raw, options)
     if len(clock_names) == 1:
@@ -515,7 +517,7 @@ def _unit_by_size(head: Float[np.ndarray, " time"]) -> str | None:
             return unit
 
     is_date = any(lowest < head[0] < highest for lowest, highest in _DAY_RANGES)
-    return "d" if is_date and head[-1] - head[0] < 1 else None
+    return "d" if is_date and 0 <= head[-1] - head[0] < 1 else None
 
 
 def _clock_unit(path: Path, raw: RawFile, name: str, options: ReadOptions) -> float | None:

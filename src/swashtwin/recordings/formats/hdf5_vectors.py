@@ -7,7 +7,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from swashtwin.recordings.columns import Column, matrix_columns
+from swashtwin.recordings.columns import Column, matrix_columns, number_type
+from swashtwin.recordings.formats.array_shapes import describe_shape, require_small_arrays
 from swashtwin.recordings.formats.clock import extract_time
 from swashtwin.recordings.formats.hdf5_access import require_local_data
 from swashtwin.recordings.formats.named_arrays import NAME_LISTS, UNIT_LISTS, attach_facts
@@ -34,8 +35,10 @@ def read_vectors(path: Path, file: h5py.File, options: ReadOptions) -> RawFile:
     if vectors.excluded:
         attributes["left_out"] = ", ".join(vectors.excluded)
 
+    require_small_arrays(path, vectors.shapes, vectors.columns, options)
     raw = RawFile(vectors.columns, None, vectors.units, attributes)
-    raw = attach_facts(path, raw, vectors.facts, options, vectors.sources)
+    counts = {name for name, column in raw.columns.items() if number_type(column).kind in "iu"}
+    raw = attach_facts(path, raw, vectors.facts, options, vectors.sources, counts)
     return extract_time(path, raw, options)
 
 
@@ -51,6 +54,8 @@ class _Vectors:
         self.sources: dict[str, tuple[str, int, int]] = {}
         """(data set, number of the vector, number of its vectors) of each column."""
         self.excluded: list[str] = []
+        self.shapes: dict[str, tuple[int, ...]] = {}
+        """Shapes of data sets of more than two axes."""
 
     def add_object(self, name: str, item: Any) -> None:
         attributes = {key.lower(): value for key, value in item.attrs.items()}
@@ -70,6 +75,10 @@ class _Vectors:
         if not numeric_fields:
             return
 
+        if sum(length > 1 for length in item.shape) > 2:
+            self.shapes[name] = item.shape
+            self.excluded.append(describe_shape(name, item.shape))
+            return
         require_local_data(self._path, item)
         for field in numeric_fields:
             self._add_vectors(name, field, _vectors_of(item, field), attributes)

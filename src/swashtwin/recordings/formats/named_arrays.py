@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,17 @@ import numpy as np
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings.columns import Column
+from swashtwin.recordings.formats.array_shapes import describe_shape, require_small_arrays
 from swashtwin.recordings.formats.column_names import parse_time_name
 from swashtwin.recordings.formats.headings import BARE_RATE, header_rate, read_sensitivities
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.sample_units import recognize_unit
-from swashtwin.recordings.formats.scales import SCALE_NAMES, apply_scales, unknown_scale
+from swashtwin.recordings.formats.scales import (
+    SCALE_NAMES,
+    apply_scales,
+    require_known_scale,
+    unknown_scale,
+)
 
 NAME_LISTS = ("names", "channels", "channel_names", "channelnames", "labels", "titles")
 """Names of a list that has a name for each vector of a matrix."""
@@ -49,8 +55,9 @@ def sort_variables(
     attributes = {name: text for name, text in workspace.facts.items() if name != "unit"}
     if workspace.excluded:
         attributes["left_out"] = ", ".join(workspace.excluded)
+    require_small_arrays(path, workspace.shapes, workspace.columns, options)
     raw = RawFile(workspace.columns, None, workspace.units, attributes)
-    return attach_facts(path, raw, workspace.facts, options)
+    return attach_facts(path, raw, workspace.facts, options, counts=workspace.counts)
 
 
 def attach_facts(
@@ -59,6 +66,7 @@ def attach_facts(
     facts: Mapping[str, Any],
     options: ReadOptions,
     sources: Mapping[str, tuple[str, int, int]] | None = None,
+    counts: Set[str] = frozenset(),
 ) -> RawFile:
     """Return the columns with the rate, unit, scale, start and sensitivity that facts state.
 
@@ -72,6 +80,7 @@ def attach_facts(
     facts : numbers, texts and lists of them by their paths, such as ``a.fs``.
     sources : (data set, number of the vector, number of its vectors) of each column; None if each
         column is a variable.
+    counts : names of the columns of integers. A number that states their scale is not ignored.
     """
     facts_by_scope: dict[str, dict[str, Any]] = {}
     for name, value in facts.items():
@@ -95,6 +104,9 @@ def attach_facts(
         scopes = list(_facts_around(source, facts_by_scope))
         scales = _scales_of(source, scopes)
         columns[key] = apply_scales(f"{path}: {source}", column, scales, options, number, count)
+        if key in counts and not parse_time_name(source):
+            shape = {len(column), count, len(raw.columns)}
+            require_known_scale(f"{path}: {source}", scopes, shape, options)
 
         values = {
             "rates": _nearest_fact(path, source, scopes, rate_of, "sample rates"),
@@ -257,6 +269,10 @@ class _Workspace:
         self.units: dict[str, str] = {}
         self.facts: dict[str, str] = {}
         self.excluded: list[str] = []
+        self.shapes: dict[str, tuple[int, ...]] = {}
+        """Shapes of arrays of more than two axes."""
+        self.counts: set[str] = set()
+        """Names of columns of integers."""
 
         variables = list(variables)
         cells = (_CELL.fullmatch(name) for name, _ in variables)
@@ -296,7 +312,10 @@ class _Workspace:
         elif kind == "U" and array.ndim == 0:
             self.facts[name] = str(array.item())
         elif kind in "fiub":
+            known_columns = set(self.columns)
             self._add_numbers(name, array)
+            if kind in "iu":
+                self.counts |= self.columns.keys() - known_columns
 
     def _add_numbers(self, name: str, array: np.ndarray) -> None:
         if array.ndim == 0:
@@ -305,6 +324,9 @@ class _Workspace:
             self._add_vector(name, array.astype(np.float64))
         elif array.ndim == 2 and array.size:
             self._add_matrix(name, array.astype(np.float64))
+        elif array.ndim > 2 and array.size:
+            self.shapes[name] = array.shape
+            self.excluded.append(describe_shape(name, array.shape))
 
     def _add_vector(self, name: str, vector: np.ndarray) -> None:
         cell = _CELL.fullmatch(name)

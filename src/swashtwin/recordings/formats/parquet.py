@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import load_extra
+from swashtwin.foundation import DataError, load_extra
 from swashtwin.recordings.columns import Column, LazyColumn
 from swashtwin.recordings.formats.clock import extract_time
 from swashtwin.recordings.formats.headings import split_unit
@@ -25,6 +25,16 @@ def read(path: Path, options: ReadOptions) -> RawFile:
     schema = table.collect_schema()
     row_count = table.select(polars.len()).collect().item()
     require_plausible_size(path, 8 * row_count * len(schema), f"{row_count} rows")
+
+    lists = [heading for heading, kind in schema.items() if kind.is_nested()]
+    if lists and options.channels is None:
+        raise DataError(
+            f"{path}: each cell of {', '.join(lists)} holds several numbers, such as a window, and "
+            "a recording has one in each cell.",
+            field="channels",
+            remedy="Save the samples of each recording as one column, or select columns with "
+            "{channels}.",
+        )
 
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}

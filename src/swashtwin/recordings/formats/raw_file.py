@@ -15,6 +15,8 @@ from swashtwin.recordings.columns import Column
 
 STORE_KIND = "swashtwin store "
 """Format name, before its version, of an HDF5 file of many recordings."""
+UNCLOSED = "never_closed"
+"""Attribute of a file that its recorder never closed, with what follows from it."""
 SAMPLE_RATE_RANGE_HZ = (1e-3, 1e9)
 """Lowest and highest sample rate that any instrument measures at."""
 

@@ -1,7 +1,7 @@
 """Scales, offsets and missing values that files state for a column, and their application."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,8 @@ from jaxtyping import Float64
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings.columns import Column, LazyColumn
+from swashtwin.recordings.formats.column_names import Quantity, meaning_of_name
+from swashtwin.recordings.formats.headings import BARE_RATE, header_rate
 from swashtwin.recordings.formats.raw_file import ReadOptions
 
 # Names of scales that may be applied already or not, and the value that makes no difference.
@@ -37,6 +39,18 @@ SCALE_NAMES = (*_CF_SCALES, *_UNKNOWN_SCALES)
 
 # The date of a calibration, which is not a scale.
 _DATE = re.compile(r"\d{4}-\d\d|\d[./]\d{1,2}[./]\d{2}")
+
+
+# Names of numbers that identify or count something.
+_IDENTIFIER = re.compile(
+    r"(?:^|_)(?:id|number|no|nr|index|version|revision|serial|date|year|channels?|length|size|"
+    r"samples?|label|class|duration|load)$|^n_|^num_"
+)
+_OTHER_QUANTITIES = (Quantity.other, Quantity.time, Quantity.label)
+_NEUTRAL_FACTS = ("start_time", "starttime", "wf_start_time", "wf_start_offset", "t0", "start")
+
+# A number with or without a unit.
+_QUANTITY = re.compile(r"[±+-]?\s*\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?\s*[^\W\d][^\d:]{0,15}")
 
 
 def unknown_scale(facts: Mapping[str, Any]) -> str:
@@ -82,14 +96,7 @@ def apply_scales(
     """
     scale = unknown_scale(facts)
     if options.sensitivity is None and scale:
-        quantity = re.search(r"\d[\d.eE+-]*", scale.partition("=")[2])
-        proposal = quantity[0] if quantity else "1"
-        raise DataError(
-            f"{location} states {scale}, and not whether it is applied.",
-            field="sensitivity",
-            remedy=f"Set the value of one of its numbers, such as {{sensitivity='{proposal} g'}}, "
-            "or '1 g' if the scale is applied.",
-        )
+        raise _unknown_scale_error(location, scale)
 
     numbers = {name: _as_numbers(facts.get(name)) for name in _CF_SCALES}
     numbers = {name: values for name, values in numbers.items() if values.size}
@@ -114,6 +121,71 @@ def apply_scales(
         return np.where(is_missing, np.nan, values * factor + offset)
 
     return LazyColumn(read, len(column), np.dtype(np.float64))
+
+
+def require_known_scale(
+    location: str,
+    scopes: Sequence[Mapping[str, Any]],
+    shape: Set[int],
+    options: ReadOptions,
+) -> None:
+    """Refuse integers beside which stands a number that may be their scale.
+
+    The user specifies a sensitivity, or that the unit is unknown ("1"), to read them.
+
+    Parameters
+    ----------
+    location : file and column, for messages.
+    scopes : facts of the column and of the structures around, the nearest first.
+    shape : numbers that count samples and columns, which are no scales.
+
+    Raises
+    ------
+    DataError
+        A number stands there that states no rate, speed, start or count.
+    """
+    if options.sensitivity is not None or options.unit == "1":
+        return
+    if any(name in _CF_SCALES for facts in scopes for name in facts):
+        return
+
+    for facts in scopes:
+        for name, value in facts.items():
+            quantity = _quantity_of(value)
+            if quantity and not _is_understood(name, quantity, shape):
+                raise _unknown_scale_error(location, f"{name} = {quantity} beside integers")
+
+
+def _quantity_of(value: Any) -> str:
+    """Return a number, with or without a unit, as text; empty if the value is something else."""
+    numbers = _as_numbers(value)
+    if numbers.size:
+        return f"{numbers[0]:g}" if np.isfinite(numbers).all() else ""
+    text = value.decode(errors="replace") if isinstance(value, bytes) else value
+    return text if isinstance(text, str) and _QUANTITY.fullmatch(text.strip()) else ""
+
+
+def _is_understood(name: str, quantity: str, shape: Set[int]) -> bool:
+    """Return whether a number has a meaning other than a scale."""
+    if name.startswith("_") or _IDENTIFIER.search(name) or name in _NEUTRAL_FACTS:
+        return True
+    if BARE_RATE.fullmatch(name) or header_rate([(name, quantity)]) or header_rate([(name, "1")]):
+        return True
+    if quantity in {"0", "1", *(str(count) for count in shape)}:
+        return True
+    meaning = meaning_of_name(name)
+    return meaning is not None and meaning.quantity in _OTHER_QUANTITIES
+
+
+def _unknown_scale_error(location: str, scale: str) -> DataError:
+    quantity = re.search(r"\d[\d.eE+-]*", scale.partition("=")[2])
+    proposal = quantity[0] if quantity else "1"
+    return DataError(
+        f"{location} states {scale}, and not whether it is applied.",
+        field="sensitivity",
+        remedy=f"Set the value of one of its numbers, such as {{sensitivity='{proposal} g'}}, "
+        "or '1 g' if the scale is applied.",
+    )
 
 
 def _require_sizes(location: str, numbers: Mapping[str, np.ndarray], count: int) -> None:

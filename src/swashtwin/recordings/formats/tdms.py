@@ -1,6 +1,8 @@
 """TDMS files of National Instruments."""
 
 import logging
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -12,7 +14,7 @@ from swashtwin.foundation import DataError, load_extra
 from swashtwin.recordings.columns import Column, LazyColumn, slice_column
 from swashtwin.recordings.formats.clock import TIME_UNITS, extract_time
 from swashtwin.recordings.formats.headings import header_rate, read_sensitivities
-from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, snap_rate
+from swashtwin.recordings.formats.raw_file import UNCLOSED, RawFile, ReadOptions, snap_rate
 from swashtwin.recordings.formats.sample_units import recognize_unit
 from swashtwin.recordings.recording import Recording
 
@@ -20,6 +22,14 @@ nptdms: Any = load_extra("nptdms", "readers", "a TDMS file")
 
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _CLOCK_PROPERTIES = ("wf_start_time", "wf_start_offset", "wf_increment")
+
+# Scales whose result is in the unit of the channel: those of sensors give other quantities.
+_KNOWN_SCALES = ("Linear", "Polynomial", "Table", "Add", "Subtract", "AdvancedAPI")
+_SCALE_TYPE = re.compile(r"NI_Scale\[\d+\]_Scale_Type")
+
+# Place of the length in a segment [byte], and the length that a recorder writes before it is known.
+_LENGTH_OFFSET = 12
+_UNKNOWN_LENGTH = b"\xff" * 8
 
 # Gap between two parts of a channel up to which the second continues the first.
 _MAX_GAP_S = 1e-3
@@ -40,16 +50,20 @@ class _Part:
 def read(path: Path, options: ReadOptions) -> RawFile:
     """Return the channels of a TDMS file, as ``group/channel`` if it has several groups.
 
-    npTDMS applies scales; one that it does not know is refused. Recordings that were appended to
-    one channel, with another start or rate, are columns ``channel [1]``, ``channel [2]``, ...
+    npTDMS applies scales; one of another quantity, such as a strain, is excluded by its name.
+    Recordings that were appended to one channel, with another start or rate, are columns
+    ``channel [1]``, ``channel [2]``, ... A file that its recorder never closed is read to its end.
     """
     nptdms = _patched_nptdms()
     _warnings.clear()
     file = nptdms.TdmsFile.open(path)
-    if file.file_status.incomplete_final_segment:
+    is_unclosed = _is_unclosed(path, file)
+    if file.file_status.incomplete_final_segment and not is_unclosed:
         raise DataError(f"{path} is cut off: its last segment is incomplete.")
 
-    raw = extract_time(path, _read_channels(path, file), options)
+    raw = extract_time(path, _read_channels(path, file, options), options)
+    if is_unclosed or any("metadata is incomplete" in text for text in _warnings):
+        raw = replace(raw, attributes={**raw.attributes, UNCLOSED: "its end may be missing"})
     scale_warnings = [text for text in _warnings if "scal" in text.lower()]
     if scale_warnings:
         raise DataError(
@@ -98,32 +112,106 @@ def _patched_nptdms() -> Any:
     return nptdms
 
 
-def _read_channels(path: Path, file: Any) -> RawFile:
+def _is_unclosed(path: Path, file: Any) -> bool:
+    """Return whether the last segment does not state its length, as after a crash."""
+    if not file._reader._segments:
+        return False
+    with path.open("rb") as content:
+        content.seek(file._reader._segments[-1].position + _LENGTH_OFFSET)
+        return content.read(len(_UNKNOWN_LENGTH)) == _UNKNOWN_LENGTH
+
+
+def _common_length(file: Any, channel: Any) -> int:
+    """Return the samples of a channel that the others have, too, if the last block is unfinished.
+
+    A block holds the samples of one channel after those of another: an unfinished one has all of
+    the first, and some of the last.
+    """
+    length = len(channel)
+    segment = file._reader._segments[-1]
+    counts = dict(segment.final_chunk_lengths_override or {})
+    expected = {item.path: item.number_values for item in segment.ordered_objects if item.has_data}
+    if (
+        channel.path not in counts
+        or len(set(expected.values())) != 1
+        or len(counts) < len(expected)
+    ):
+        return length
+    return int(length - counts[channel.path] + min(counts.values()))
+
+
+def _unknown_scale(channel: Any, group: Any, file: Any) -> str:
+    """Return the kind of a channel's scale that is not one of numbers, or an empty text."""
+    properties = {**file.properties, **group.properties, **channel.properties}
+    for name, kind in properties.items():
+        if _SCALE_TYPE.fullmatch(name) and str(kind) not in _KNOWN_SCALES:
+            return str(kind)
+    return ""
+
+
+def _without_unknown_scales(
+    path: Path, channels: Sequence[tuple[Any, Any]], file: Any, options: ReadOptions
+) -> tuple[list[tuple[Any, Any]], list[str]]:
+    """Return the groups and channels whose scales are known, and the names of the others.
+
+    Raises
+    ------
+    DataError
+        A channel that the options select has an unknown scale, or all have.
+    """
+    known: list[tuple[Any, Any]] = []
+    excluded: list[str] = []
+    selected = {str(name) for name in options.channels or ()}
+    for group, channel in channels:
+        kind = _unknown_scale(channel, group, file)
+        if not kind:
+            known.append((group, channel))
+            continue
+
+        excluded.append(f"{channel.name} (scale type {kind})")
+        if selected & {channel.name, f"{group.name}/{channel.name}"}:
+            raise _scale_error(path, channel.name, kind)
+    if excluded and not any(len(channel) > 1 for _, channel in known):
+        group, channel = next(pair for pair in channels if pair not in known)
+        raise _scale_error(path, channel.name, _unknown_scale(channel, group, file))
+    return known, excluded
+
+
+def _scale_error(path: Path, name: str, kind: str) -> DataError:
+    return DataError(
+        f"{path}: Unsupported scale type: {kind}, of {name!r}.",
+        field="channels",
+        remedy="Export the scaled samples, or select other {channels}.",
+    )
+
+
+def _read_channels(path: Path, file: Any, options: ReadOptions) -> RawFile:
     """Return the parts of all channels with the facts that their properties state."""
     history = file._reader.history
     groups = file.groups()
     columns: dict[str, Column] = {}
     facts = _Facts(path, file)
     stated_size = 0
-    for group in groups:
-        for channel in group.channels():
-            kind = channel.dtype.kind
-            if kind == "V":
-                raise DataError(
-                    f"{path}: {channel.name!r} holds raw data of DAQmx and no scale; "
-                    "export it scaled."
-                )
-            if len(channel) < 2 or kind not in "fiuM":
-                continue
+    all_channels = [(group, channel) for group in groups for channel in group.channels()]
+    channels, excluded = _without_unknown_scales(path, all_channels, file, options)
+    for group, channel in channels:
+        kind = channel.dtype.kind
+        if kind == "V":
+            raise DataError(
+                f"{path}: {channel.name!r} holds raw data of DAQmx and no scale; export it scaled."
+            )
+        length = _common_length(file, channel)
+        if length < 2 or kind not in "fiuM":
+            continue
 
-            stated_size += len(channel) * (getattr(channel.data_type, "size", None) or 1)
-            name = channel.name if len(groups) == 1 else f"{group.name}/{channel.name}"
-            samples = LazyColumn(partial(_read_samples, channel), len(channel))
-            parts = _split_channel(history.get(channel.path, []), channel)
-            for number, part in enumerate(parts, 1):
-                key = name if len(parts) == 1 else f"{name} [{number}]"
-                columns[key] = slice_column(samples, part.start, part.stop)
-                facts.add(key, kind, part.properties, group)
+        stated_size += len(channel) * (getattr(channel.data_type, "size", None) or 1)
+        name = channel.name if len(groups) == 1 else f"{group.name}/{channel.name}"
+        samples = LazyColumn(partial(_read_samples, channel), length)
+        parts = _split_channel(history.get(channel.path, []), channel, length)
+        for number, part in enumerate(parts, 1):
+            key = name if len(parts) == 1 else f"{name} [{number}]"
+            columns[key] = slice_column(samples, part.start, part.stop)
+            facts.add(key, kind, part.properties, group)
 
     size = path.stat().st_size
     if stated_size > size:
@@ -131,6 +219,8 @@ def _read_channels(path: Path, file: Any) -> RawFile:
             f"{path} is damaged: its channels state {stated_size} bytes, it has {size}."
         )
     attributes = {name: str(value) for name, value in file.properties.items()}
+    if excluded:
+        attributes["left_out"] = ", ".join(excluded)
     return replace(
         RawFile(columns, attributes=attributes),
         units=facts.units,
@@ -213,7 +303,7 @@ def _start_time(properties: dict[str, Any]) -> np.datetime64 | None:
     return np.datetime64(start, "us") + np.timedelta64(round(1e6 * offset_s), "us")
 
 
-def _split_channel(history: History, channel: Any) -> list[_Part]:
+def _split_channel(history: History, channel: Any, length: int) -> list[_Part]:
     """Return the recordings of a channel: a new one begins where its clock changes."""
     starts: History = []
     for sample, properties in history:
@@ -224,10 +314,10 @@ def _split_channel(history: History, channel: Any) -> list[_Part]:
         elif not _continues(starts[-1], sample, properties):
             starts.append((sample, properties))
 
-    starts = [(sample, properties) for sample, properties in starts if sample < len(channel)]
+    starts = [(sample, properties) for sample, properties in starts if sample < length]
     if not starts:
         starts = [(0, dict(channel.properties))]
-    ends = [sample for sample, _ in starts[1:]] + [len(channel)]
+    ends = [sample for sample, _ in starts[1:]] + [length]
     return [
         _Part(start, end, properties) for (start, properties), end in zip(starts, ends, strict=True)
     ]

@@ -41,6 +41,9 @@ _REGULAR_BAND = 0.25
 _COUNTER_SIZES = (2.0**16, 2.0**24, 2.0**32)
 _COUNTER_DIVISORS = (1.0, 1e3, 1e6, 1e9)
 
+# Share of a counter's period that may be lost as it begins again.
+_MAX_LOST_SHARE = 1e-3
+
 # Steps that are too long from which on times may be written in batches.
 _MIN_BATCHES = 8
 
@@ -113,9 +116,9 @@ def read_times(column: Column, unit: float) -> Float[np.ndarray, " time"]:
 def unwrap_counter(counts: np.ndarray) -> np.ndarray:
     """Return the numbers of a counter as if it had not begun again after its last number.
 
-    The last number is that of 16, 24 or 32 bits, or a thousandth, a millionth, ... of it. One step
-    must lie between the last and the next number. Otherwise the numbers are returned unchanged:
-    another recording begins.
+    The last number is that of 16, 24 or 32 bits, or a thousandth, a millionth, ... of it. One step,
+    or a small share of the period if samples were lost there, must lie between the last and the
+    next number. Otherwise the numbers are returned unchanged: another recording begins.
 
     Examples
     --------
@@ -137,8 +140,10 @@ def unwrap_counter(counts: np.ndarray) -> np.ndarray:
             # Blocks of 65536 samples are as likely as a counter of samples that begins again.
             if span >= size / divisor or (restarts_alike and usual_step * divisor == 1):
                 continue
-            missing_steps = steps[falls] + size / divisor
-            if (np.abs(missing_steps - usual_step) < 0.5 * usual_step).all():
+            jumps = steps[falls] + size / divisor
+            is_next = np.abs(jumps - usual_step) < 0.5 * usual_step
+            is_near = (jumps > 0) & (jumps < _MAX_LOST_SHARE * size / divisor)
+            if (is_next | is_near).all():
                 is_integer = counts.dtype.kind in "iu" and divisor == 1
                 period = int(size) if is_integer else size / divisor
                 n_wraps = np.zeros(len(counts), np.int64)

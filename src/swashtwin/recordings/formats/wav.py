@@ -9,7 +9,12 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError, load_extra
 from swashtwin.recordings.columns import matrix_columns
-from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, require_plausible_size
+from swashtwin.recordings.formats.raw_file import (
+    UNCLOSED,
+    RawFile,
+    ReadOptions,
+    require_plausible_size,
+)
 from swashtwin.recordings.recording import Recording
 
 soundfile: Any = load_extra("soundfile", "readers", "a WAV file")
@@ -46,7 +51,7 @@ def read(path: Path, options: ReadOptions) -> RawFile:
     """
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
-    sound = _open_sound(path, head)
+    sound, is_unclosed = _open_sound(path, head)
     require_plausible_size(path, 2 * sound.frames * sound.channels, f"{sound.frames} samples")
 
     dtype = "float32" if sound.subtype in _SINGLE_PRECISION else "float64"
@@ -63,7 +68,10 @@ def read(path: Path, options: ReadOptions) -> RawFile:
     columns = matrix_columns(read_frames, (sound.channels, sound.frames), np.dtype(dtype))
     named_columns = {f"channel_{number}": column for number, column in enumerate(columns)}
     is_integer = sound.subtype not in ("FLOAT", "DOUBLE")
-    return RawFile(named_columns, float(sound.samplerate), full_scale=is_integer)
+    attributes = {UNCLOSED: "its end may be missing"} if is_unclosed else {}
+    return RawFile(
+        named_columns, float(sound.samplerate), attributes=attributes, full_scale=is_integer
+    )
 
 
 @dataclass(frozen=True)
@@ -93,8 +101,10 @@ class _Format:
         )
 
 
-def _open_sound(path: Path, head: bytes) -> Any:
-    """Return the file as soundfile opens it, with the length of the file if its header is wrong.
+def _open_sound(path: Path, head: bytes) -> tuple[Any, bool]:
+    """Return the file as soundfile opens it, and whether its recorder never closed it.
+
+    The length of the file counts if its header is wrong.
 
     A recorder that lost power leaves a size of zero, and sizes above 4 GiB wrap. A rate that
     contradicts the bytes per second in the header is refused: one of the two is damaged.
@@ -103,7 +113,7 @@ def _open_sound(path: Path, head: bytes) -> Any:
     format_offset = _chunk_offset(head, b"fmt ")
     has_format = format_offset is not None and len(head) >= format_offset + 16
     if head[:4] not in (b"RIFF", b"RF64") or format_offset is None or not has_format:
-        return soundfile.SoundFile(str(path))
+        return soundfile.SoundFile(str(path)), False
 
     wav_format = _Format.read(head, format_offset)
     if not wav_format.is_consistent:
@@ -113,7 +123,7 @@ def _open_sound(path: Path, head: bytes) -> Any:
             f"and {wav_format.bytes_per_frame} bytes per sample that its header also states."
         )
     if head[:4] != b"RIFF" or data_offset is None:
-        return soundfile.SoundFile(str(path))
+        return soundfile.SoundFile(str(path)), False
 
     stated_size = int.from_bytes(head[data_offset - 4 : data_offset], "little")
     is_unknown = stated_size == 0 or stated_size >= _MIN_UNKNOWN_SIZE
@@ -126,7 +136,7 @@ def _open_sound(path: Path, head: bytes) -> Any:
     if not is_unknown and _ends_with_data(
         path, data_offset + stated_size + stated_size % 2, wav_format
     ):
-        return soundfile.SoundFile(str(path))
+        return soundfile.SoundFile(str(path)), False
 
     code = wav_format.code
     if code == _EXTENSIBLE and len(head) >= format_offset + 26:
@@ -137,7 +147,7 @@ def _open_sound(path: Path, head: bytes) -> Any:
             f"{path}: its header was never finished: it states {stated_size} bytes of samples; "
             "repair it."
         )
-    return soundfile.SoundFile(
+    sound = soundfile.SoundFile(
         _FileFrom(path, data_offset),
         format="RAW",
         channels=wav_format.channels,
@@ -145,6 +155,7 @@ def _open_sound(path: Path, head: bytes) -> Any:
         subtype=subtype,
         endian="LITTLE",
     )
+    return sound, is_unknown
 
 
 def _ends_with_data(path: Path, data_end: int, wav_format: _Format) -> bool:

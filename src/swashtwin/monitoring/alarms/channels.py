@@ -43,7 +43,7 @@ class AlarmMessage:
     point: str
     """Name of the operating point."""
     kind: str
-    """Alarm of the ``pump`` or of a ``sensor``."""
+    """Alarm of the ``pump``, of a ``sensor`` or of the ``delivery`` of recordings."""
     event: str
     """What happened to the alarm: ``opened``, ``measured`` (the severity of its suspect),
     ``cleared`` or ``closed``.

@@ -33,6 +33,7 @@ from swashtwin.monitoring.config.settings import (
     SecretUrl,
     WatchConfig,
 )
+from swashtwin.monitoring.config.time_zones import read_zone
 from swashtwin.pump import load_pump
 
 # Start of an error message about an entry of a list, such as `source[0].`.
@@ -219,6 +220,11 @@ def _check_machine(machine: Machine) -> None:
         _require_file("calibration", machine.calibration)
     if machine.prior.endswith(".safetensors"):
         _require_file("prior", Path(machine.prior))
+    if machine.tags_zone is not None:
+        try:
+            read_zone(machine.tags_zone)
+        except InputError as cause:
+            raise cause.with_context("tags_zone: ") from cause
     # A pump that cannot be loaded must fail now, not at the first alarm.
     if machine.pump is not None:
         load_pump(machine.pump)

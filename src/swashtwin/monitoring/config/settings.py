@@ -131,6 +131,8 @@ class Machine(Entries, frozen=True, kw_only=True):
     """Pressure at the outlet, if it is constant [Pa]."""
     tags: Path | None = None
     """CSV file with time, speed and pressure; another system may write it later."""
+    tags_zone: Text | None = None
+    """Time zone of times in `tags` that specify none: ``Europe/Berlin``, ``+01:00`` or ``UTC``."""
     sample_rate: Rate | None = None
     """Sample rate of files that specify none [Hz]."""
     unit: Text | None = None

@@ -22,8 +22,10 @@ from swashtwin.monitoring.history.schema import Machine, Row, Version
 
 SQLITE_FILE = "history.sqlite"
 """Name of the SQLite database in the watch's folder."""
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Version of the tables."""
+EXTENDED_VERSION = 2
+"""Version that lacks nothing but tables which can be added."""
 LOCK_TIMEOUT_S = 30
 """Time that a transaction waits for another one, and for a connection."""
 CONNECT_TIMEOUT_S = 5
@@ -109,7 +111,12 @@ class Database:
             present_tables = set(inspect(connection).get_table_names())
             if Version.__tablename__ in present_tables:
                 _require_columns(connection, (Version.__tablename__,))
-                _require_version(session.scalars(select(Version.version)).one())
+                version = session.scalars(select(Version)).one()
+                if version.version == EXTENDED_VERSION:
+                    Row.metadata.create_all(connection)
+                    version.version = SCHEMA_VERSION
+                    session.flush()
+                _require_version(version.version)
                 _require_columns(connection, tuple(Row.metadata.tables))
                 return
 

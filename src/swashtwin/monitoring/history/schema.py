@@ -233,7 +233,7 @@ class Alarm(Row, kw_only=True):
     machine: Mapped[str] = _machine()
     point: Mapped[str | None]
     kind: Mapped[str]
-    """``pump`` or ``sensor``."""
+    """``pump``, ``sensor`` or ``delivery``."""
     state: Mapped[str] = mapped_column(default="open")
     """``open``, ``acknowledged`` or ``closed``."""
     opened: Mapped[datetime]
@@ -282,6 +282,15 @@ class Event(Row, kw_only=True):
     """``maintenance``, ``note`` or another kind."""
     who: Mapped[str]
     note: Mapped[str]
+
+
+class DeliveryRow(Row, kw_only=True):
+    """What is remembered of a machine's deliveries, judged or not."""
+
+    __tablename__ = "deliveries"
+    machine: Mapped[str] = mapped_column(ForeignKey("machines.name"), primary_key=True)
+    state: Mapped[dict[str, Any]]
+    """`DeliveryState` as a table."""
 
 
 class Rejection(Row, kw_only=True):

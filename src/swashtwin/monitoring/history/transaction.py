@@ -15,6 +15,7 @@ from swashtwin.monitoring.history.database import json_text, lock_machine
 from swashtwin.monitoring.history.schema import (
     Alarm,
     Baseline,
+    DeliveryRow,
     Event,
     Indicators,
     Judgment,
@@ -57,11 +58,27 @@ class MachineTransaction:
         query = select(func.max(Judgment.time)).where(Judgment.machine == self.name)
         return self._session.scalars(query).one()
 
+    def is_newest(self, recording: int) -> bool:
+        """Return whether a recording is the newest of the machine."""
+        query = select(Machine.last).where(Machine.name == self.name)
+        return self._session.scalars(query).first() == recording
+
+    def was_judged(self, source: str, received: datetime) -> bool:
+        """Return whether a delivery was judged."""
+        query = select(Judgment.id).where(
+            Judgment.machine == self.name,
+            Judgment.source == source,
+            Judgment.received == received,
+        )
+        return self._session.scalars(query).first() is not None
+
     def add_recording(
         self,
         judgment: Judgment,
         values: Mapping[tuple[str, str], float] | None = None,
         waveform: str | None = None,
+        *,
+        is_newest: bool | None = None,
     ) -> int:
         """Add a recording, and return its number.
 
@@ -70,20 +87,24 @@ class MachineTransaction:
         values : indicators by channel and name; kept with the seven digits of a float32.
         waveform : path that `Waveforms.write` returned; retention decides how long the file is
             kept.
+        is_newest : whether the machine's newest recording becomes this one; by default if no other
+            one has a later time.
         """
         judgment.waveform = waveform
         judgment.retention = None
         if waveform:
             judgment.retention = self._retention_of(judgment)
-        newest = self.newest()
+        if is_newest is None:
+            newest = self.newest()
+            # One that arrived late does not become the newest.
+            is_newest = newest is None or judgment.time >= newest
 
         number = self._add(judgment)
 
         if values:
             self._add_indicators(number, values)
         self._count(judgment.state)
-        # One that arrived late does not become the newest.
-        if newest is None or judgment.time >= newest:
+        if is_newest:
             self._execute(update(Machine).where(Machine.name == self.name).values(last=number))
         if waveform:
             self._apply_retention()
@@ -202,6 +223,19 @@ class MachineTransaction:
         for table in (OperatingPointRow, Baseline):
             self._session.execute(delete(table).where(table.machine == self.name))
 
+    # Deliveries
+
+    def delivery_state(self) -> dict[str, Any] | None:
+        """Return what is remembered of the machine's deliveries, or None."""
+        stored = self._session.get(DeliveryRow, self.name)
+        if stored is None:
+            return None
+        return stored.state
+
+    def save_delivery_state(self, state: Mapping[str, Any]) -> None:
+        """Remember the state of the machine's deliveries."""
+        self._session.merge(DeliveryRow(machine=self.name, state=dict(state)))
+
     # Alarms
 
     def open_alarm(
@@ -216,7 +250,7 @@ class MachineTransaction:
 
         Parameters
         ----------
-        kind : ``pump`` or ``sensor``.
+        kind : ``pump``, ``sensor`` or ``delivery``.
         evidence : why, as JSON can hold it.
         recording : recording that raised it.
         """

@@ -238,7 +238,7 @@ def draw_trend(
         parts.append(draw_horizontal(float(y.share(median)), "median"))
     for alarm in alarms:
         role = "alarm"
-        if alarm.kind == "sensor":
+        if alarm.kind in ("sensor", "delivery"):
             role = "sensor"
         share = float(x.share(alarm.opened.timestamp()))
         if 0 <= share <= 1:

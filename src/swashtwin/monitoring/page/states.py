@@ -56,6 +56,7 @@ class MachineState(NamedTuple):
 STATES = (
     MachineState("alarm", "Alarm", "▲"),
     MachineState("sensor", "Sensor alarm", "◆"),
+    MachineState("delivery", "Deliveries not usable", "■"),
     MachineState("acknowledged", "Alarm acknowledged", "△"),
     MachineState("unusual", "Unusual", "●"),
     MachineState("normal", "Normal", "✓"),
@@ -82,8 +83,10 @@ def _state_code(machine: MachineOverview) -> str:
     open_kinds = {alarm.kind for alarm in machine.alarms if alarm.state == "open"}
     if "pump" in open_kinds:
         return "alarm"
-    if open_kinds:
+    if "sensor" in open_kinds:
         return "sensor"
+    if open_kinds:
+        return "delivery"
     if machine.alarms:
         return "acknowledged"
 

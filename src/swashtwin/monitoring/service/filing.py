@@ -1,8 +1,8 @@
 """Files a recording in the history: judgment, alarms and messages in one transaction."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from datetime import timedelta
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
 from typing import Any
 
 from swashtwin.foundation import DataError, InputError, to_table
@@ -18,14 +18,16 @@ from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.schema import Judgment
 from swashtwin.monitoring.history.transaction import MachineTransaction
-from swashtwin.monitoring.service.alarm_messages import AlarmPoster
+from swashtwin.monitoring.service.alarm_messages import AlarmPoster, Occasion
+from swashtwin.monitoring.service.deliveries import (
+    DeliveryFinding,
+    DeliveryMonitor,
+    DeliveryState,
+    place,
+)
 from swashtwin.monitoring.sources.contents import Contents
 from swashtwin.monitoring.sources.delivery import Delivery, RejectionError
 
-MAX_DELAY = timedelta(minutes=5)
-"""How much older than the machine's newest recording one may be: sources deliver in parallel, so
-recordings of one machine may arrive in another order than they were measured.
-"""
 MAX_OPERATING_POINTS = 200
 """Operating points of a machine; more result from a speed or a pressure that never settles, and
 none of them would get enough recordings for a baseline.
@@ -62,6 +64,16 @@ class Arrival:
     delivery: Delivery
     contents: Contents
     verdict: ModelVerdict
+    wrong_date: datetime | None = None
+    """Specified time if it counts by its arrival since its clock was set back."""
+
+
+class WrongClockError(DataError):
+    """A recording has to be filed at its time of arrival, at which other tags may hold."""
+
+    def __init__(self, detail: str, date: datetime) -> None:
+        super().__init__(detail)
+        self.date = date
 
 
 @dataclass(frozen=True)
@@ -72,6 +84,8 @@ class FiledRecording:
     """State of the recording, as in `Judgment`."""
     sentence: str
     """The outcome for a person, in one line."""
+    delivery_problem: str | None = None
+    """What is wrong with the deliveries of the machine."""
 
 
 class RecordingFiler:
@@ -80,6 +94,7 @@ class RecordingFiler:
     def __init__(self, config: WatchConfig, history: History, suspects: Suspects) -> None:
         self._settings = config.alarms
         self._poster = AlarmPoster(config)
+        self._deliveries = DeliveryMonitor(config)
         self._waveforms = history.waveforms
         self._suspects = suspects
         # The count may come from a pump file, which is read once and not for each recording.
@@ -96,6 +111,8 @@ class RecordingFiler:
         ------
         RejectionError
             The recording cannot be judged.
+        WrongClockError
+            The recording has to be filed at its time of arrival.
         PriorNotAdaptedError
             A prior has to be adapted first, outside of the transaction.
         OSError
@@ -103,22 +120,29 @@ class RecordingFiler:
         """
         contents = arrival.contents
 
-        _require_order(transaction, arrival)
+        deliveries = _place(self._deliveries.load(transaction), arrival)
         point = _find_operating_point(transaction, arrival)
         previous_state = _load_state(transaction, point)
         result = self._monitor(arrival, point, previous_state)
         suspect = self._name_suspect(arrival, point, result)
-        judgment = self._build_judgment(arrival, point, result, suspect)
+        findings = _delivery_findings(contents)
+        judgment = self._build_judgment(arrival, point, result, suspect, findings)
 
         waveform = self._waveforms.write(
             transaction.name, contents.time, contents.digest, contents.recording
         )
-        transaction.add_recording(judgment, result.band_powers, waveform)
+        # A wrong date in an archive must not stay the newest one for years.
+        is_newest = contents.clock_problem is not None or deliveries.newest == contents.time
+        transaction.add_recording(judgment, result.band_powers, waveform, is_newest=is_newest)
         _save_state(transaction, point, previous_state, result)
         self._update_alarms(transaction, judgment, result)
-        self._post_unreported_alarms(transaction, judgment)
+        self._poster.post_unreported(transaction, _occasion(judgment))
+        problem = self._deliveries.count(transaction, deliveries, arrival.delivery, findings)
 
-        return FiledRecording(judgment.state, self._describe(judgment, result))
+        sentence = self._describe(judgment, result)
+        for finding in findings:
+            sentence += f"; {finding.kind}: {finding.sentence}"
+        return FiledRecording(judgment.state, sentence, problem)
 
     def _monitor(
         self, arrival: Arrival, point: OperatingPoint, state: OperatingPointState | None
@@ -152,6 +176,7 @@ class RecordingFiler:
         point: OperatingPoint,
         result: OperatingPointJudgment,
         suspect: dict[str, Any] | None,
+        findings: Sequence[DeliveryFinding],
     ) -> Judgment:
         contents = arrival.contents
         delivery = arrival.delivery
@@ -190,6 +215,7 @@ class RecordingFiler:
                 "sentences": list(result.reasons),
                 "notes": [*contents.notes, *result.notes],
                 "findings": to_table(result.findings),
+                "delivery": to_table(findings),
                 "moved": to_table(result.moved),
                 "score": result.score,
                 "learned": result.learned,
@@ -245,16 +271,7 @@ class RecordingFiler:
             transaction.clear_alarm(alarm.id, judgment.time)
 
         if not transaction.silenced(judgment.received):
-            self._poster.post(transaction, event, alarm, judgment, result.reasons)
-
-    def _post_unreported_alarms(self, transaction: MachineTransaction, judgment: Judgment) -> None:
-        """Post the alarms that were raised during a silence, now that it has ended."""
-        alarms = [alarm for alarm in transaction.unreported_alarms() if alarm.cleared is None]
-        if not alarms or transaction.silenced(judgment.received):
-            return
-        for alarm in alarms:
-            reasons = alarm.evidence.get("reasons", ())
-            self._poster.post(transaction, "opened", alarm, judgment, reasons, time=alarm.opened)
+            self._poster.post(transaction, event, alarm, _occasion(judgment), result.reasons)
 
     def _describe(self, judgment: Judgment, result: OperatingPointJudgment) -> str:
         """Return the outcome of a recording in one line."""
@@ -281,20 +298,48 @@ class RecordingFiler:
         return "; ".join(parts)
 
 
-def _require_order(transaction: MachineTransaction, arrival: Arrival) -> None:
-    """Reject a recording that is older than one that was judged: the test needs their order."""
-    newest = transaction.newest()
-    time = arrival.contents.time
+def _place(state: DeliveryState, arrival: Arrival) -> DeliveryState:
+    """Return the state with the time of a recording, or refuse the time."""
+    contents = arrival.contents
+    received = arrival.delivery.received
+    if arrival.wrong_date is not None:
+        return replace(state, n_late=0, wrong_date=arrival.wrong_date, wrong_received=received)
+    if contents.clock_problem is not None:
+        return replace(state, n_late=0)
 
-    # A newest recording from the future was stored before the clock was set back, and rejects none.
-    if newest is None or newest > arrival.delivery.received:
-        return
-    if time < newest - MAX_DELAY:
-        raise RejectionError(
-            "late",
-            f"measured at {time:%Y-%m-%d %H:%M:%S}, but a recording of "
-            f"{newest:%Y-%m-%d %H:%M:%S} was already judged.",
+    placement = place(state, contents.time, received)
+    if placement == "date":
+        newest = contents.time
+        # One from the future was stored before this computer's clock was set back.
+        if state.newest is not None and state.newest <= received:
+            newest = max(newest, state.newest)
+        return replace(state, newest=newest, n_late=0, wrong_date=None, wrong_received=None)
+
+    assert state.newest is not None
+    order = (
+        f"measured at {contents.time:%Y-%m-%d %H:%M:%S}, but a recording of "
+        f"{state.newest:%Y-%m-%d %H:%M:%S} was already judged"
+    )
+    if placement == "clock":
+        raise WrongClockError(
+            f"{order}; its time of arrival is used. Check the clock of the logger.",
+            contents.time,
         )
+    raise RejectionError("late", f"{order}.")
+
+
+def _delivery_findings(contents: Contents) -> tuple[DeliveryFinding, ...]:
+    """Return what is wrong with a delivery that is judged nevertheless."""
+    findings = []
+    if contents.clock_problem is not None:
+        findings.append(DeliveryFinding("clock", contents.clock_problem))
+    if contents.tags_problem is not None:
+        findings.append(DeliveryFinding("tags", contents.tags_problem))
+    return tuple(findings)
+
+
+def _occasion(judgment: Judgment) -> Occasion:
+    return Occasion(judgment.time, judgment.received, judgment.content)
 
 
 def _find_operating_point(transaction: MachineTransaction, arrival: Arrival) -> OperatingPoint:

@@ -61,6 +61,9 @@ class Watch:
         self._open_sources()
         self._counters = {"judged": 0.0, "rejected": 0.0, "failures": 0.0, "seconds_judging": 0.0}
         self._model_problems: list[str] = []
+        self._pipeline: Pipeline | None = None
+        self._announced_keys: set[str] = set()
+        """Recordings that wait for tags and were reported to `progress`."""
         self._history_problem: str | None = None
         self._last_sweep = -SWEEP_INTERVAL_S
 
@@ -125,7 +128,10 @@ class Watch:
         for thread in threads:
             thread.start()
 
-        while not stop.is_set() and (self._spool or any(thread.is_alive() for thread in threads)):
+        while not stop.is_set():
+            is_delivering = any(thread.is_alive() for thread in threads)
+            if not is_delivering and len(self._spool) == self._spool.n_held:
+                break
             self._judge_next(pipeline, stop)
         for thread in threads:
             thread.join()
@@ -186,6 +192,8 @@ class Watch:
             if problem:
                 problems.append(problem)
         problems += self._model_problems
+        if self._pipeline is not None:
+            problems += self._pipeline.delivery_problems
 
         return WatchStatus(
             started=self._started,
@@ -232,6 +240,7 @@ class Watch:
 
         pipeline = Pipeline(self.config, self.history)
         self._model_problems = pipeline.load_models()
+        self._pipeline = pipeline
         return pipeline
 
     def _open_measurer(self) -> "SeverityMeasurer":
@@ -241,6 +250,9 @@ class Watch:
 
     def _judge_next(self, pipeline: "Pipeline", stop: threading.Event) -> None:
         """Judge the recording that has waited longest, until the history has it."""
+        if self._spool.n_held and pipeline.may_resume():
+            pipeline.resume()
+            self._spool.release()
         file = self._spool.next(POLL_INTERVAL_S)
         if file is None:
             return
@@ -250,7 +262,10 @@ class Watch:
             thread_time = time.thread_time()
             try:
                 outcome = pipeline.judge(file)
-                self._spool.remove(file)
+                if outcome.is_waiting:
+                    self._spool.hold(file)
+                else:
+                    self._spool.remove(file)
             except (HistoryError, OSError) as cause:
                 self._history_problem = f"waiting for the history: {cause}"
                 _log.warning("%s", self._history_problem)
@@ -264,6 +279,10 @@ class Watch:
 
             self._history_problem = None
             self._counters["seconds_judging"] += time.thread_time() - thread_time
+            if outcome.is_waiting:
+                self._announce(file.key, outcome)
+                return
+            self._announced_keys.discard(file.key)
             if outcome.state == "rejected":
                 self._counters["rejected"] += 1
             else:
@@ -271,6 +290,12 @@ class Watch:
             self._counters["failures"] += outcome.has_failed
             self._progress(outcome)
             return
+
+    def _announce(self, key: str, outcome: "Outcome") -> None:
+        """Report once that a recording waits, however often it is tried."""
+        if key not in self._announced_keys:
+            self._announced_keys.add(key)
+            self._progress(outcome)
 
     def _sweep(self) -> None:
         """Return memory to the system, and remove waveforms without a recording, now and then."""

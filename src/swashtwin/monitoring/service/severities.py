@@ -10,7 +10,7 @@ from swashtwin.monitoring.alarms.suspect_severity import SeverityRequest, measur
 from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.schema import Alarm, Judgment
-from swashtwin.monitoring.service.alarm_messages import AlarmPoster
+from swashtwin.monitoring.service.alarm_messages import AlarmPoster, Occasion
 
 N_NEWEST_ALARMS = 200
 """Newest alarms whose severity is measured; older ones that are open wait for a person anyway."""
@@ -135,7 +135,8 @@ class SeverityMeasurer:
             was_reported = stored not in transaction.unreported_alarms()
             if was_reported and not transaction.silenced(datetime.now(UTC)):
                 notes = stored.evidence["severity"]["notes"]
-                self._poster.post(transaction, "measured", stored, judgment, notes)
+                occasion = Occasion(judgment.time, judgment.received, judgment.content)
+                self._poster.post(transaction, "measured", stored, occasion, notes)
 
 
 def _is_confirmed(previous: Mapping[str, Any], severity: Mapping[str, Any]) -> bool:

@@ -1,6 +1,7 @@
 """The recording in a spool file, with the facts of its file, its delivery and the configuration."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from errno import EDQUOT, EMFILE, ENFILE, ENOSPC
@@ -21,7 +22,7 @@ from swashtwin.monitoring.sources.delivery import (
 )
 from swashtwin.monitoring.sources.message_format import SAMPLES_SUFFIX, samples_recording
 from swashtwin.monitoring.sources.spool import SpoolFile
-from swashtwin.monitoring.sources.tags import Tags
+from swashtwin.monitoring.sources.tags import Tags, TagsPendingError
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import ReadOptions, Recording, load_recording, stem_of
 
@@ -31,6 +32,8 @@ RATE_TOLERANCE = 1e-3
 """Relative difference of two sample rates that count as equal: clocks of instruments differ."""
 TEMPORARY_ERRORS = (ENOSPC, EDQUOT, EMFILE, ENFILE)
 """Errors of the computer, not of a file: the recording may be read later."""
+STANDSTILL = {"speed": 10 * math.pi / 30, "discharge_pressure": 1e5}
+"""Least speed [rad/s] and pressure [Pa] of a pump that works; a sensor at rest is not at zero."""
 READ_OPTIONS = (
     "sample_rate",
     "unit",
@@ -62,6 +65,10 @@ class Contents:
     """
     notes: tuple[str, ...]
     """What a reader should know of its time and its operating point."""
+    clock_problem: str | None = None
+    """Why it is filed at its time of arrival, if a time was specified."""
+    tags_problem: str | None = None
+    """Why the values of the configuration are used instead of the machine's tags."""
 
 
 def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Contents:
@@ -70,7 +77,10 @@ def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Conte
     Raises
     ------
     RejectionError
-        The file cannot be read, or its channels, sample rate or unit are not those of the machine.
+        The file cannot be read, its channels, sample rate or unit are not those of the machine, or
+        its operating point cannot be known.
+    TagsPendingError
+        Its operating point may be known later.
     OSError
         The disk is full, or too many files are open; the file may be read later.
     """
@@ -81,9 +91,9 @@ def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Conte
     try:
         recording = _load(file, machine)
         signal = recording.signal  # reads the samples
-        time, time_notes = _measurement_time(delivery)
-        recording, condition_notes = _with_condition(recording, delivery, machine, tags, time)
-    except RejectionError:
+        time, clock_problem = _measurement_time(delivery)
+        recording, tags_problem = _with_condition(recording, delivery, machine, tags, time)
+    except (RejectionError, TagsPendingError):
         raise
     except OSError as cause:
         if cause.errno in TEMPORARY_ERRORS:
@@ -101,7 +111,8 @@ def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Conte
     if has_no_signal:
         # All recordings of a dead sensor have the same samples, and are no duplicates.
         digest = sha256(f"{digest} {time.isoformat()}".encode()).hexdigest()
-    return Contents(recording, time, digest, (*time_notes, *condition_notes))
+    notes = tuple(filter(None, (clock_problem, tags_problem)))
+    return Contents(recording, time, digest, notes, clock_problem, tags_problem)
 
 
 def _load(file: SpoolFile, machine: Machine) -> Recording:
@@ -174,76 +185,100 @@ def _recording_id(delivery: Delivery) -> str:
     return stem_of(Path(safe_name(delivery.file))) or "recording"
 
 
-def _measurement_time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:
-    """Return when a recording was measured, and what a reader should know of that."""
+def _measurement_time(delivery: Delivery) -> tuple[datetime, str | None]:
+    """Return when a recording was measured, and why that is not the specified time."""
     text = delivery.facts.get("time")
     if text is None:
-        return delivery.received, ()
+        return delivery.received, None
 
     try:
         time = read_time(text)
     except InputError as cause:
         # Only the time of a file can be invalid here: that of a message or an upload was checked.
-        return delivery.received, (f"{cause} Its time of arrival is used.",)
+        return delivery.received, f"{cause} Its time of arrival is used."
 
     if time - delivery.received > MAX_TIME_AHEAD:
-        note = (
+        problem = (
             f"The specified time {time:%Y-%m-%d %H:%M:%S} lies in the future; "
             "the time of arrival is used."
         )
-        return delivery.received, (note,)
-    return min(time, delivery.received), ()
+        return delivery.received, problem
+    return min(time, delivery.received), None
 
 
 def _with_condition(
     recording: Recording, delivery: Delivery, machine: Machine, tags: Tags | None, time: datetime
-) -> tuple[Recording, tuple[str, ...]]:
-    """Return the recording with its operating point, and notes for the reader.
+) -> tuple[Recording, str | None]:
+    """Return the recording with its operating point, and why the tags do not specify it.
 
     In this order, the first source that specifies a quantity counts: file, delivery, tags,
     configuration.
     """
     if recording.condition is not None:
-        return recording, ()
+        return recording, None
 
-    values, notes = _condition_values(delivery, machine, tags, time)
+    values = _specified_values(delivery.facts)
     if "speed" in recording.attributes:
         values["speed"] = parse_quantity(recording.attributes["speed"], "rad/s", name="speed")
+    problem = None
+    if tags is not None and not _is_operating_point(values):
+        tag_values, problem = _tag_values(tags, machine, values, time)
+        values = {**tag_values, **values}
+    values = {**_configured_values(machine), **values}
     if "speed" not in values:
-        return recording, notes
+        return recording, problem
 
     if "discharge_pressure" in values:
         try:
-            return recording.replace(condition=OperatingCondition(**values)), notes
+            return recording.replace(condition=OperatingCondition(**values)), problem
         except InputError as cause:
             raise RejectionError("broken", str(cause)) from cause
 
     speed = f"{values['speed'] * 30 / math.pi!r} rpm"
-    return recording.replace(attributes={**recording.attributes, "speed": speed}), notes
+    return recording.replace(attributes={**recording.attributes, "speed": speed}), problem
 
 
-def _condition_values(
-    delivery: Delivery, machine: Machine, tags: Tags | None, time: datetime
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return the quantities of `OperatingCondition` [SI] that are specified outside of the file."""
+def _configured_values(machine: Machine) -> dict[str, float]:
     values: dict[str, float] = {}
     if machine.speed is not None:
         values["speed"] = machine.speed
     if machine.discharge_pressure is not None:
         values["discharge_pressure"] = machine.discharge_pressure
+    return values
 
-    texts: dict[str, str] = {}
-    notes: tuple[str, ...] = ()
-    if tags is not None:
-        try:
-            texts.update(tags.at(time))
-        except DataError as cause:
-            notes = (str(cause),)
-    for name, text in delivery.facts.items():
+
+def _specified_values(facts: Mapping[str, str]) -> dict[str, float]:
+    """Return the quantities of `OperatingCondition` [SI] among facts."""
+    values = {}
+    for name, text in facts.items():
         if name in QUANTITIES and name != "rate":
-            texts[name] = text
+            key, unit = QUANTITIES[name]
+            values[key] = parse_quantity(text, unit, name=name)
+    return values
 
-    for name, text in texts.items():
-        key, unit = QUANTITIES[name]
-        values[key] = parse_quantity(text, unit, name=name)
-    return values, notes
+
+def _tag_values(
+    tags: Tags, machine: Machine, values: Mapping[str, float], time: datetime
+) -> tuple[dict[str, float], str | None]:
+    """Return the quantities that the tags specify, or why there are none.
+
+    Without tags, and without a complete operating point of other sources, the recording would be
+    learned at an operating point that mixes all others.
+    """
+    try:
+        tag_values = _specified_values(tags.require_at(time))
+    except DataError as cause:
+        if _is_operating_point({**_configured_values(machine), **values}):
+            return {}, f"{cause} The values of the configuration are used."
+        if isinstance(cause, TagsPendingError):
+            raise
+        raise RejectionError("tags", str(cause)) from cause
+
+    for key, limit in STANDSTILL.items():
+        if key in tag_values and tag_values[key] < limit:
+            raise RejectionError("rest", f"its tag has a {key.replace('_', ' ')} of about zero.")
+    return tag_values, None
+
+
+def _is_operating_point(values: Mapping[str, float]) -> bool:
+    return "speed" in values and "discharge_pressure" in values

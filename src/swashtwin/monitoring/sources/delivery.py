@@ -28,6 +28,8 @@ SAMPLE_TYPES: Mapping[str, str] = {
     "int32": "<i4",
 }
 """Types of the samples in a message, and their names in numpy."""
+GROWN_FACT = "grown"
+"""Fact of a file that grew: when its beginning was delivered. No message can specify it."""
 MAX_RECORDING_BYTES = 64 << 20
 """Bytes of a recording; larger ones are refused, so that memory stays bounded."""
 MAX_FACT_LENGTH = 2000
@@ -50,6 +52,9 @@ REJECTION_REASONS: Mapping[str, str] = MappingProxyType(
         "broken": "not readable as configured",
         "unfit": "not fit for a verdict",
         "points": "too many operating points",
+        "tags": "operating point unknown",
+        "rest": "pump at rest",
+        "grown": "grew after it was judged",
         "error": "error of the watch",
     }
 )

@@ -59,6 +59,8 @@ class Spool:
         cards = folder.glob(f"*{_CARD_SUFFIX}")
         keys = sorted(card.stem for card in cards if not card.name.startswith("."))
         self._keys = deque(keys)
+        self._held_keys: list[str] = []
+        """Recordings that cannot be judged yet; they are on the disk like all others."""
         self._remove_invalid_files(set(keys))
 
     def _remove_invalid_files(self, valid_keys: set[str]) -> None:
@@ -69,7 +71,12 @@ class Spool:
                 path.unlink()
 
     def __len__(self) -> int:
-        return len(self._keys)
+        return len(self._keys) + len(self._held_keys)
+
+    @property
+    def n_held(self) -> int:
+        """Number of recordings that `hold` set aside."""
+        return len(self._held_keys)
 
     def add(self, delivery: Delivery, content: bytes | Path) -> str:
         """Write a recording with its card to the disk, and return its SHA-256 (hexadecimal).
@@ -83,7 +90,7 @@ class Spool:
         OSError
             The disk or the spool is full, or cannot be written.
         """
-        if len(self._keys) >= MAX_WAITING:
+        if len(self) >= MAX_WAITING:
             raise OSError(
                 ENOSPC,
                 f"{MAX_WAITING} recordings wait to be judged, which is the maximum; "
@@ -147,6 +154,19 @@ class Spool:
         )
         delivery = Delivery("spool", path.name, datetime.now(UTC), problem=problem)
         return SpoolFile(key, path, delivery)
+
+    def hold(self, file: SpoolFile) -> None:
+        """Set a recording aside until `release`, so that those of other machines go on."""
+        with self._changed, suppress(ValueError):
+            self._keys.remove(file.key)
+            self._held_keys.append(file.key)
+
+    def release(self) -> None:
+        """Let `next` return the recordings again that were set aside, before those that wait."""
+        with self._changed:
+            self._keys = deque(sorted([*self._held_keys, *self._keys]))
+            self._held_keys.clear()
+            self._changed.notify_all()
 
     def remove(self, file: SpoolFile) -> None:
         """Remove a recording that was judged or rejected; its file may have been moved."""

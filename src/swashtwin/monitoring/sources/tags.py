@@ -1,23 +1,19 @@
 """Operating points that another system recorded: a CSV file of times, speeds and pressures."""
 
-import csv
-import time as clock
 from bisect import bisect_right
 from collections.abc import Mapping
-from datetime import datetime, timedelta
+from datetime import datetime, timedelta, tzinfo
 from pathlib import Path
 
-from swashtwin.foundation import DataError, InputError, parse_quantity, read_text
-from swashtwin.monitoring.sources.delivery import QUANTITIES, read_time
+from swashtwin.foundation import DataError
+from swashtwin.monitoring.sources.tag_lines import TagLine, TagsFileError, read_tag_lines
 
 MAX_AGE = timedelta(hours=1)
 """Age up to which a tag is used: later, the machine may run at another operating point."""
-SETTLE_TIME_S = 10.0
-"""Time since the last change of the file after which its last line is complete, with or without a
-line break.
-"""
-DEFAULT_UNITS = {"speed": "rpm", "pressure": "MPa", "temperature": "degC"}
-"""Columns of quantities, and the unit of a number without one."""
+
+
+class TagsPendingError(DataError):
+    """No tag is known for a time, but one may be once the file has changed."""
 
 
 class Tags:
@@ -27,85 +23,80 @@ class Tags:
     ``temperature``. A number without a unit is in rpm, MPa or degC.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, zone: tzinfo | None = None) -> None:
+        """Read `path`, in which times without a zone are in `zone`."""
         self._path = path
-        self._stamp: tuple[int, int, bool] | None = None
+        self._zone = zone
+        self._stamp: tuple[int, ...] | None = ()
+        self._lines: list[TagLine] = []
         self._times: list[datetime] = []
-        self._facts: list[dict[str, str]] = []
+        self._problem: str | None = None
 
     def at(self, time: datetime) -> Mapping[str, str]:
         """Return the facts of the last line at or before `time`; empty if it is too old.
 
         Raises
         ------
+        TagsPendingError
+            The file is missing, or no line of it can be used.
         DataError
-            The file is missing, or a line of it cannot be read.
+            The line that holds at `time` cannot be used.
         """
         self._reload_if_changed()
+        if self._problem is not None:
+            raise TagsPendingError(self._problem)
 
         index = bisect_right(self._times, time) - 1
         if index < 0 or time - self._times[index] > MAX_AGE:
             return {}
-        return self._facts[index]
+        line = self._lines[index]
+        if line.problem is not None:
+            raise DataError(line.problem)
+        return line.facts
 
-    def _reload_if_changed(self) -> None:
+    def require_at(self, time: datetime) -> Mapping[str, str]:
+        """Return the facts of the line that holds at `time`.
+
+        Raises
+        ------
+        TagsPendingError
+            The file is missing, no line of it can be used, or it ends before `time`.
+        DataError
+            The line that holds at `time` cannot be used, or there is none.
+        """
+        facts = self.at(time)
+        if facts:
+            return facts
+        sentence = f"{self._path} (tags) has no line in the hour before {time:%Y-%m-%d %H:%M:%S}"
+        if not self._times or self._times[-1] < time:
+            end = (
+                f"it ends at {self._times[-1]:%Y-%m-%d %H:%M:%S}" if self._times else "it is empty"
+            )
+            raise TagsPendingError(f"{sentence} UTC; {end}.")
+        raise DataError(f"{sentence} UTC.")
+
+    def has_changed(self) -> bool:
+        """Return whether the file differs from the one that was read last."""
+        return self._current_stamp() != self._stamp
+
+    def _current_stamp(self) -> tuple[int, ...] | None:
+        """Return what shows that the file has changed; None if there is none."""
         try:
             stat = self._path.stat()
-        except OSError as cause:
-            raise DataError(
-                f"{self._path} (tags) cannot be read: {cause.strerror or cause}."
-            ) from cause
+        except OSError:
+            return None
+        # No program can set the time of the last change of the metadata.
+        return (stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
 
-        is_settled = clock.time() - stat.st_mtime > SETTLE_TIME_S
-        stamp = (stat.st_size, stat.st_mtime_ns, is_settled)
-        if stamp == self._stamp:
+    def _reload_if_changed(self) -> None:
+        stamp = self._current_stamp()
+        if stamp is not None and stamp == self._stamp:
             return
-        rows = _read_tags(self._path, is_settled)
-        self._times = [time for time, _ in rows]
-        self._facts = [facts for _, facts in rows]
-        self._stamp = stamp
-
-
-def _read_tags(path: Path, is_settled: bool) -> list[tuple[datetime, dict[str, str]]]:
-    """Return time and facts of each line, in order of time."""
-    text = read_text(path)
-    if not is_settled:
-        # The last line may be half written, and half a number is a wrong number.
-        text = text[: text.rfind("\n") + 1]
-
-    reader = csv.DictReader(text.splitlines())
-    columns = [column.strip() for column in reader.fieldnames or ()]
-    if "time" not in columns or DEFAULT_UNITS.keys().isdisjoint(columns):
-        raise DataError(f"{path} (tags) must begin with a line such as time,speed,pressure.")
-    reader.fieldnames = columns
-
-    rows = []
-    for row in reader:
+        self._lines = []
+        self._problem = None
         try:
-            time = read_time((row["time"] or "").strip())
-            rows.append((time, _row_facts(row)))
-        except InputError as cause:
-            raise DataError(f"{path} (tags), line {reader.line_num}: {cause}") from cause
-    return sorted(rows, key=lambda row: row[0])
-
-
-def _row_facts(row: Mapping[str, str | None]) -> dict[str, str]:
-    facts = {}
-    for name, unit in DEFAULT_UNITS.items():
-        text = (row.get(name) or "").strip()
-        if not text:
-            continue
-        if _is_number(text):
-            text = f"{float(text)!r} {unit}"
-        _, si_unit = QUANTITIES[name]
-        parse_quantity(text, si_unit, name=name)
-        facts[name] = text
-    return facts
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+            self._lines = read_tag_lines(self._path, self._zone)
+        except TagsFileError as cause:
+            self._problem = str(cause)
+        self._times = [line.time for line in self._lines]
+        self._stamp = stamp

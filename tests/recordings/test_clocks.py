@@ -215,6 +215,43 @@ def test_pairs_of_time_and_signal_that_end_in_different_rows(
     assert errors_of(path, unit="g", channels=(channel,)) == []
 
 
+@pytest.mark.parametrize(
+    "headings",
+    [
+        ("Time_acc1", "Time_acc2"),
+        ("X", "X2"),
+        ("t_acc", "t_mic"),
+        ("Zeit Sensor A", "Zeit Sensor B"),
+    ],
+)
+def test_times_that_alternate_with_signals_need_no_usual_name(
+    tmp_path: Path, headings: tuple[str, str]
+) -> None:
+    columns = {
+        headings[0]: np.arange(3000) / 1000,
+        "acc": vibration(3000),
+        headings[1]: np.arange(1500) / 500,
+        "mic": vibration(1500, 1),
+    }
+    path = write_table(tmp_path / "a.csv", columns, ";", ",")
+
+    for channel, rate, n_samples in (("acc", 1000, 3000), ("mic", 500, 1500)):
+        recording = load_recording(path, unit="g", channels=(channel,))
+        assert (recording.sample_rate, recording.n_samples) == (rate, n_samples)
+
+
+def test_a_pressure_that_rises_beside_a_time_is_no_second_clock(tmp_path: Path) -> None:
+    columns = {
+        "time [s]": np.arange(3000) / 1000,
+        "acc": vibration(3000),
+        "pressure": np.arange(3000) / 500,
+        "mic": vibration(3000, 1),
+    }
+    path = write_table(tmp_path / "a.csv", columns)
+
+    assert load_recording(path, unit="g", channels=("mic",)).sample_rate == 1000
+
+
 @pytest.mark.parametrize(("channel", "rate"), [("a", 1000), ("b", 250)])
 def test_pairs_of_one_length_have_the_rate_of_their_own_time(
     tmp_path: Path, channel: str, rate: float

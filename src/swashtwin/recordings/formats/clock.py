@@ -28,7 +28,11 @@ from swashtwin.recordings.formats.column_names import (
 )
 from swashtwin.recordings.formats.headings import split_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
-from swashtwin.recordings.formats.row_sets import separate_rows, trim_short_pairs
+from swashtwin.recordings.formats.row_sets import (
+    paired_times,
+    separate_rows,
+    trim_short_pairs,
+)
 from swashtwin.recordings.formats.sample_units import normalize_unit
 from swashtwin.recordings.formats.time_column import (
     MAX_RATE_ERROR,
@@ -95,8 +99,10 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
     """
     raw = settle_axes(path, raw, options)
     require_recording_shape(path, raw.columns, options)
-    raw = trim_short_pairs(raw, lambda name: parse_time_name(name) is not None)
-    clock_names = _find_clocks(path, raw, options)
+    paired_clocks = paired_times(raw) if options.time_column is None else []
+    named_clocks = [name for name in raw.columns if parse_time_name(name) is not None]
+    raw = trim_short_pairs(raw, paired_clocks or named_clocks)
+    clock_names = paired_clocks or _find_clocks(path, raw, options)
     if len(clock_names) == 1:
         (clock_name,) = clock_names
         unit = _clock_unit(path, raw, clock_name, options)

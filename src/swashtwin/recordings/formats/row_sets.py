@@ -4,7 +4,7 @@ Programs join sensors of several rates into one table in two ways: pairs of a ti
 that end in different rows, and one time for all, with blanks in the rows of the other sensors.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,12 @@ import numpy as np
 from jaxtyping import Bool
 
 from swashtwin.recordings.columns import Column, slice_column
+from swashtwin.recordings.formats.column_names import (
+    Quantity,
+    meaning_of_name,
+    parse_time_name,
+    words_of,
+)
 from swashtwin.recordings.formats.raw_file import RawFile
 
 # Rows at the beginning in which a column of some rows has a blank one.
@@ -24,14 +30,53 @@ _MIN_SAMPLES = 16
 _MIN_BLANK_RUNS = 8
 
 
-def trim_short_pairs(raw: RawFile, is_time: Callable[[str], bool]) -> RawFile:
+def paired_times(raw: RawFile) -> list[str]:
+    """Return the times of a table in which times and signals alternate, or an empty list.
+
+    The times rise evenly and differ in rate or length, and the signals do not rise.
+    """
+    names = list(raw.columns)
+    if len(names) < 4 or len(names) % 2 or _even_step(raw.columns[names[0]]) is None:
+        return []
+
+    clocks: set[tuple[int, float]] = set()
+    for time, signal in zip(names[::2], names[1::2], strict=True):
+        step = _even_step(raw.columns[time])
+        length = _length_without_blanks(raw.columns[time])
+        is_time = _may_name_time(time)
+        is_pair = length == _length_without_blanks(raw.columns[signal])
+        if step is None or not (is_time and is_pair) or _even_step(raw.columns[signal]):
+            return []
+        clocks.add((length, step))
+    return names[::2] if len(clocks) > 1 else []
+
+
+def _may_name_time(name: str) -> bool:
+    """Return whether a name is that of a time, such as ``t_mic``, or not of another axis."""
+    if any(parse_time_name(word) is not None for word in words_of(name)):
+        return True
+    meaning = meaning_of_name(name)
+    return meaning is None or meaning.quantity is Quantity.vibration
+
+
+def _even_step(column: Column) -> float | None:
+    """Return the step of a column that rises evenly at its beginning, or None."""
+    head = np.asarray(column[:_HEAD_ROWS], dtype=np.float64)
+    steps = np.diff(head[_is_present(head)])
+    if steps.size < _MIN_SAMPLES:
+        return None
+    step = float(np.median(steps))
+    is_even = np.abs(steps - step) < 0.5 * step
+    return float(f"{step:.6g}") if step > 0 and is_even.all() else None
+
+
+def trim_short_pairs(raw: RawFile, times: Sequence[str]) -> RawFile:
     """Return the columns without the blank rows below a time that ends before the others.
 
     Parameters
     ----------
-    is_time : whether a name is that of a time.
+    times : names of the columns that may be times.
     """
-    times = [name for name in raw.columns if is_time(name)]
     if len(times) < 2:
         return raw
 

@@ -63,12 +63,12 @@ class MachineTransaction:
         query = select(Machine.last).where(Machine.name == self.name)
         return self._session.scalars(query).first() == recording
 
-    def was_judged(self, source: str, received: datetime) -> bool:
-        """Return whether a delivery was judged."""
+    def was_judged(self, source: str, received: Sequence[datetime]) -> bool:
+        """Return whether a delivery of one of these times was judged."""
         query = select(Judgment.id).where(
             Judgment.machine == self.name,
             Judgment.source == source,
-            Judgment.received == received,
+            Judgment.received.in_(received),
         )
         return self._session.scalars(query).first() is not None
 

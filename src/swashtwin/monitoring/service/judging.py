@@ -214,11 +214,12 @@ class Pipeline:
 
     def _refuse_growth(self, machine: Machine, delivery: Delivery) -> None:
         """Refuse a file that was judged before it was complete: its beginning would count twice."""
-        earlier = delivery.facts.get(GROWN_FACT)
-        if earlier is None:
+        times = delivery.facts.get(GROWN_FACT, "").split()
+        if not times:
             return
+        deliveries = [datetime.fromisoformat(text) for text in times]
         with self._history.machine(machine.name) as transaction:
-            was_judged = transaction.was_judged(delivery.source, datetime.fromisoformat(earlier))
+            was_judged = transaction.was_judged(delivery.source, deliveries)
         if was_judged:
             raise RejectionError(
                 "grown",

@@ -29,7 +29,7 @@ SAMPLE_TYPES: Mapping[str, str] = {
 }
 """Types of the samples in a message, and their names in numpy."""
 GROWN_FACT = "grown"
-"""Fact of a file that grew: when its beginning was delivered. No message can specify it."""
+"""Fact of a file that grew: when its beginnings were delivered. No message can specify it."""
 MAX_RECORDING_BYTES = 64 << 20
 """Bytes of a recording; larger ones are refused, so that memory stays bounded."""
 MAX_FACT_LENGTH = 2000

@@ -3,7 +3,8 @@
 A file is taken when its size and its time of change have stayed the same for a while: a network
 share does not report when a file is closed. The path, size, time of change and content of each
 taken file are remembered, so that a restart takes nothing twice, and a file that grew or was
-replaced later is taken again. Only the monotonic clock decides, since others are set back.
+replaced later is taken again. A file that lacks the end of its format waits longer, since a program
+may pause while it writes. Only the monotonic clock decides, since others are set back.
 """
 
 import hashlib
@@ -11,7 +12,7 @@ import json
 import os
 import threading
 import time
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatch
@@ -20,7 +21,13 @@ from typing import NamedTuple
 
 from swashtwin.foundation import atomic_write, safe_file_name
 from swashtwin.monitoring.config.settings import FolderSource
-from swashtwin.monitoring.sources.delivery import MAX_RECORDING_BYTES, Accept, Delivery
+from swashtwin.monitoring.sources.completeness import is_complete
+from swashtwin.monitoring.sources.delivery import (
+    GROWN_FACT,
+    MAX_RECORDING_BYTES,
+    Accept,
+    Delivery,
+)
 from swashtwin.monitoring.status import SourceStatus
 
 UNFINISHED_SUFFIXES = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", ".swp")
@@ -29,6 +36,10 @@ REMOVAL_SUFFIX = ".swashtwin-taken"
 """Suffix of a file that is about to be removed."""
 POLLS_PER_SETTLE_TIME = 4
 """Looks at the folder in the time for which a file must stay the same."""
+PATIENCE = 20
+"""Settle times for which a file must stay the same that lacks the end of its format."""
+N_KEPT_GROWTHS = 10
+"""First and last deliveries of a growing file that are remembered."""
 MIN_POLL_INTERVAL_S = 0.02
 MAX_POLL_INTERVAL_S = 2.0
 """Longest time between two looks, so that a long settle time does not delay the first look."""
@@ -64,6 +75,8 @@ class FolderWatch:
         self._taken = TakenFiles(folder / "taken" / f"{safe_file_name(source.name)}.txt")
         self._waiting: dict[str, tuple[Stamp, float]] = {}
         """Files that are not taken yet, and since when [s] each has stayed the same."""
+        self._incomplete: dict[str, Stamp] = {}
+        """Files that lacked the end of their format when they had this stamp."""
         self._is_settling = False
         """Whether a file may be ready at a later look."""
         self._problems: dict[str, str] = {}
@@ -109,6 +122,10 @@ class FolderWatch:
             path: problem for path, problem in self._problems.items() if path in stamps
         }
 
+        self._incomplete = {
+            path: stamp for path, stamp in self._incomplete.items() if stamps.get(path) == stamp
+        }
+
         count = 0
         problem = None
         try:
@@ -124,7 +141,10 @@ class FolderWatch:
         return count
 
     def _find_ready_files(self, stamps: Mapping[str, Stamp]) -> list[str]:
-        """Return the files that have stayed the same for the settle time, oldest first."""
+        """Return the files that have stayed the same for the settle time, oldest first.
+
+        One that lacks the end of its format must stay the same for longer.
+        """
         now = time.monotonic()
         previously_waiting = self._waiting
         self._waiting = {}
@@ -136,11 +156,13 @@ class FolderWatch:
                 since = now
             self._waiting[path] = (stamp, since)
 
-        ready_files = [
-            path
-            for path, (_, since) in self._waiting.items()
-            if now - since >= self._source.settle_time
-        ]
+        ready_files = []
+        for path, (stamp, since) in self._waiting.items():
+            settle_time = float(self._source.settle_time)
+            if self._incomplete.get(path) == stamp:
+                settle_time *= PATIENCE
+            if now - since >= settle_time:
+                ready_files.append(path)
         self._is_settling = len(ready_files) < len(self._waiting)
         return sorted(ready_files, key=lambda path: (stamps[path].changed, path))
 
@@ -158,6 +180,7 @@ class FolderWatch:
     def _take(self, path: Path, stamp: Stamp) -> bool:
         """Return whether the file was taken; one that changed in the meantime is not."""
         problem = None
+        growths: list[str] = []
         try:
             if stamp.size > MAX_RECORDING_BYTES:
                 problem = (
@@ -173,27 +196,37 @@ class FolderWatch:
             if _stamp(path.stat()) != stamp:
                 self._is_settling = True
                 return False
+            growths = self._taken.growths(str(path), content)
             if self._taken.is_same(str(path), stamp, content):
                 # Only its metadata changed, for example by a backup.
-                self._taken.add(str(path), stamp, content)
+                self._taken.add(str(path), stamp, content, growths)
                 self._waiting.pop(str(path), None)
+                return False
+            was_known = self._incomplete.get(str(path)) == stamp
+            if problem is None and not was_known and not is_complete(path.name, content):
+                self._incomplete[str(path)] = stamp
+                self._is_settling = True
                 return False
         except OSError as cause:
             # The file was removed, or is locked by the program that writes it.
             self._problems[str(path)] = f"{path} cannot be read: {cause.strerror or cause}"
             return False
 
-        self._accept(self._delivery(path, stamp, problem), content)
+        delivery = self._delivery(path, stamp, problem, growths)
+        self._accept(delivery, content)
 
         # From here on the file is safe in the spool.
         self._waiting.pop(str(path), None)
         self._problems.pop(str(path), None)
         is_removed = problem is None and self._source.remove and self._remove(path, content)
         if not is_removed:
-            self._taken.add(str(path), stamp, content)
+            growths = [*growths, delivery.received.isoformat()]
+            self._taken.add(str(path), stamp, content, growths)
         return True
 
-    def _delivery(self, path: Path, stamp: Stamp, problem: str | None) -> Delivery:
+    def _delivery(
+        self, path: Path, stamp: Stamp, problem: str | None, growths: Sequence[str]
+    ) -> Delivery:
         machine = self._source.machine
         parts = path.relative_to(self._source.path).parts
         if machine is None and len(parts) > 1:
@@ -201,12 +234,15 @@ class FolderWatch:
 
         seconds = min(max(stamp.changed / 1e9, 0), MAX_FILE_TIME_S)
         time_changed = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+        facts = {"time": time_changed.isoformat()}
+        if growths:
+            facts[GROWN_FACT] = " ".join(growths)
         return Delivery(
             source=self._source.name,
             file=path.name,
             received=datetime.now(UTC),
             machine=machine,
-            facts={"time": time_changed.isoformat()},
+            facts=facts,
             problem=problem,
         )
 
@@ -274,6 +310,8 @@ class TakenFiles:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._files: dict[str, tuple[Stamp, str]] = {}
+        self._growths: dict[str, list[str]] = {}
+        """Times at which each file, or a beginning of it, was delivered."""
         self._n_lines = 0
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_file():
@@ -284,11 +322,12 @@ class TakenFiles:
         for line in text.splitlines():
             self._n_lines += 1
             try:
-                name, size, changed, touched, digest = json.loads(line)
+                name, size, changed, touched, digest, *growths = json.loads(line)
             except (ValueError, TypeError):
                 # A kill cut the line off: its file is taken again, and rejected as a duplicate.
                 continue
             self._files[name] = (Stamp(size, changed, touched), digest)
+            self._growths[name] = growths
 
     def has(self, path: str, stamp: Stamp) -> bool:
         """Return whether the file was taken with this stamp."""
@@ -305,8 +344,26 @@ class TakenFiles:
         has_same_stamp = (taken_stamp.size, taken_stamp.changed) == (stamp.size, stamp.changed)
         return has_same_stamp and digest == _digest(content)
 
-    def add(self, path: str, stamp: Stamp, content: bytes) -> None:
-        """Remember a file."""
+    def growths(self, path: str, content: bytes) -> list[str]:
+        """Return when beginnings of the content were delivered as a file of this path."""
+        if path not in self._files:
+            return []
+        stamp, digest = self._files[path]
+        if stamp.size > len(content) or digest != _digest(content[: stamp.size]):
+            return []  # another file
+        return self._growths[path]
+
+    def add(self, path: str, stamp: Stamp, content: bytes, growths: Sequence[str] = ()) -> None:
+        """Remember a file.
+
+        Parameters
+        ----------
+        growths : times at which it, or a beginning of it, was delivered.
+        """
+        kept_growths = list(growths)
+        if len(kept_growths) > 2 * N_KEPT_GROWTHS:
+            kept_growths = [*kept_growths[:N_KEPT_GROWTHS], *kept_growths[-N_KEPT_GROWTHS:]]
+        self._growths[path] = kept_growths
         self._files[path] = (stamp, _digest(content))
         self._n_lines += 1
         with self._path.open("a", encoding="utf-8") as file:
@@ -328,7 +385,7 @@ class TakenFiles:
 
     def _line(self, path: str) -> str:
         stamp, digest = self._files[path]
-        return f"{json.dumps([path, *stamp, digest])}\n"
+        return f"{json.dumps([path, *stamp, digest, *self._growths[path]])}\n"
 
 
 def _digest(content: bytes) -> str:

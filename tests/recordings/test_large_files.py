@@ -1,6 +1,7 @@
 """Files that require more memory than there is are refused by what they state."""
 
 import resource
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,7 @@ from numpy.lib import format
 from scipy.io import savemat
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Recording, load_recording, write_recording
+from swashtwin.recordings import Recording, channel_statistics, load_recording, write_recording
 
 FileWriter = Callable[[Path], Path]
 
@@ -182,3 +183,25 @@ def test_a_memory_limit_that_is_no_number_is_refused(
 
     with pytest.raises(ValueError, match="SWASHTWIN_MEMORY_GB = 'much' must be a positive number"):
         _ = load_recording(file_of_800_kb).signal
+
+
+# ---- recordings that are inspected in parts
+
+
+def test_an_inspection_holds_few_parts_of_a_long_recording_in_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part_samples = 1 << 16
+    monkeypatch.setattr(channel_statistics, "PART_SAMPLES", part_samples)
+    samples = np.random.default_rng(0).normal(size=(1, 64 * part_samples))
+    path = write_recording(Recording(samples, 50_000.0, "long"), tmp_path / "long.h5")
+    recording = load_recording(path)
+
+    tracemalloc.start()
+    statistics = channel_statistics.compute_channel_statistics(recording)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+
+    assert statistics[0].count == samples.size
+    # of 64 parts
+    assert peak < 16 * 8 * part_samples

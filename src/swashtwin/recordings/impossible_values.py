@@ -122,8 +122,8 @@ def may_have_outliers(sparse: Float[np.ndarray, " sample"], minimum: float, maxi
 
 
 def spread_samples(row: Float[np.ndarray, " time"]) -> Float[np.ndarray, " sample"]:
-    """Return some samples, spread over all."""
-    return row[:: 1 + row.size // _SPREAD_SAMPLES]
+    """Return some samples, spread over all, as a copy: a view would keep all in memory."""
+    return row[:: 1 + row.size // _SPREAD_SAMPLES].copy()
 
 
 def _beyond_gap(

@@ -3,6 +3,7 @@ it fails.
 
     python benchmarks/watch.py start latency plant
     python benchmarks/watch.py kills --kills 50 --json
+    python benchmarks/watch.py blind healthy
 
 ``start`` is the time until the page answers. ``latency`` is the time from a closed file (4 s, three
 channels at 25.6 kHz) to its verdict in the history, as another process sees it. ``plant`` delivers
@@ -15,6 +16,12 @@ the watch's folder is filled. In the end everything runs, and each recording mus
 once. A delivery that was repeated since its source did not hear that it had arrived is filed as
 ``double``. The full disk needs the right to mount a file system in memory; without it, it is left
 out.
+
+``blind``: plants with wrong clocks, lost channels and broken tags (`watch_plants`). Each must be
+reported within three deliveries, and what can be read must be judged.
+
+``healthy``: 20 healthy machines with 260 recordings each. No alarm of any kind is expected; at the
+default rate each machine may ever raise one with a probability of 0.01.
 """
 
 import argparse
@@ -505,11 +512,62 @@ def kills(folder: Path, count: int = 50) -> dict[str, Any]:
         return torment(folder, count, is_small)
 
 
+def blind(folder: Path) -> dict[str, Any]:
+    """What the watch makes of plants that deliver nothing usable."""
+    from watch_plants import PLANTS, watch_plant
+
+    def learned_points(config: Path) -> set[str]:
+        history = open_history(config)
+        try:
+            return {point.name for point in history.reader.operating_points("pump-1")}
+        finally:
+            history.close()
+
+    return {
+        name: watch_plant(folder / str(number), plant, learned_points)
+        for number, (name, plant) in enumerate(PLANTS.items())
+    }
+
+
+def healthy(folder: Path, machines: int = 20, count: int = 260) -> dict[str, Any]:
+    """How many alarms healthy machines raise, of the pump, of a sensor and of deliveries."""
+    names = [f"pump-{number:02}" for number in range(machines)]
+    config = write_config(folder, names)
+    start = time.time() - count * 86_400
+    for number in range(count):
+        for index, name in enumerate(names):
+            values = samples(number * machines + index, rate=SLOW, seconds=1.0, channels=2)
+            path = folder / "incoming" / name / f"{number:04}.wav"
+            deliver(path, wav(values, SLOW))
+            # Sources deliver in parallel, so some recordings come a few minutes late.
+            moment = start + number * 300 - 200 * (number % 7 == 0)
+            os.utime(path, (moment, moment))
+    command = [sys.executable, "-m", "swashtwin", "watch", "run", str(config), "--once", "--json"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    answer = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+    problems = json.loads(answer.stdout.splitlines()[-1])["problems"]
+
+    history = open_history(config)
+    states = Counter[str]()
+    for (_, state), recordings in history.reader.recordings_by_state().items():
+        states[state] += recordings
+    result = {
+        "states": dict(states),
+        "alarms": dict(Counter(alarm.kind for alarm in history.reader.alarms(limit=10_000))),
+        "rejections": dict(Counter(row.reason for row in history.reader.rejections(limit=10_000))),
+        "problems": problems,
+    }
+    history.close()
+    return result
+
+
 QUESTIONS: dict[str, Callable[..., dict[str, Any]]] = {
     "start": start,
     "latency": latency,
     "plant": plant,
     "kills": kills,
+    "blind": blind,
+    "healthy": healthy,
 }
 
 

@@ -12,13 +12,18 @@ import numpy as np
 import pytest
 from watched_pumps import LEARNING, RATE, START, hum, watch_config, write_hum
 
+from swashtwin.foundation import InputError
 from swashtwin.monitoring import History, Outcome, run_watch
 from swashtwin.monitoring.config.config_file import load_watch_config
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.page.states import state_of
+from swashtwin.monitoring.service import judging
 from swashtwin.monitoring.service.deliveries import N_IN_A_ROW, DeliveryState, place
+from swashtwin.monitoring.service.judging import Pipeline
+from swashtwin.monitoring.service.running import Watch
 from swashtwin.monitoring.sources.delivery import Delivery
+from swashtwin.monitoring.sources.message_format import read_message
 from swashtwin.monitoring.sources.spool import Spool
 from swashtwin.monitoring.status import WatchStatus
 from swashtwin.recordings import write_recording
@@ -89,7 +94,8 @@ def test_refused_deliveries_in_a_row_are_a_finding_until_one_can_be_used(
 
     # The count continues after a restart.
     add_broken(config, "c")
-    _, status = judge(config)
+    outcomes, status = judge(config)
+    assert outcomes[0].sentence.endswith("delivery alarm raised")
     (problem,) = status.problems
     assert "pump-1: 3 deliveries in a row" in problem
     assert "c.h5 (not readable as configured)" in problem
@@ -104,6 +110,7 @@ def test_refused_deliveries_in_a_row_are_a_finding_until_one_can_be_used(
     write_hum(tmp_path / "incoming" / "good.h5", 50, 31)
     outcomes, status = judge(config)
     assert states(outcomes) == ["learning"]
+    assert "delivery alarm cleared" in outcomes[0].sentence
     assert not status.problems
     assert events(config) == ["delivery opened", "delivery cleared"]
     (alarm,) = overview(config).alarms
@@ -426,3 +433,77 @@ def test_a_kill_counts_no_refused_delivery_twice(tmp_path: Path) -> None:
         Spool(config.folder / "spool").add(Delivery("inbox", "a.h5", received, "pump-1"), content)
     _, status = judge(config)
     assert not status.problems
+
+
+def test_recordings_are_judged_while_the_watch_runs_once_their_tags_are_repaired(
+    tmp_path: Path,
+) -> None:
+    config = tagged_config(tmp_path)
+    (tmp_path / "tags.csv").write_text("no tags\n")
+    spool = Spool(config.folder / "spool")
+    content = [write_recording(hum(n), tmp_path / f"{n}.h5").read_bytes() for n in range(2)]
+    for number in range(2):
+        facts = {"time": (START + timedelta(minutes=10 * number)).isoformat()}
+        delivery = Delivery("inbox", f"{number}.h5", datetime.now(UTC), "pump-1", facts)
+        spool.add(delivery, content[number])
+
+    with opened_history(config) as history:
+        pipeline = Pipeline(config, history)
+        for _ in range(2):
+            file = spool.next(0.0)
+            assert file is not None
+            assert pipeline.judge(file).is_waiting
+            spool.hold(file)
+        assert spool.next(0.0) is None
+        assert len(spool) == spool.n_held == 2
+        assert not pipeline.may_resume()
+
+        write_tags(tmp_path, ["1498,15.1"] * 3)
+        assert pipeline.may_resume()
+        pipeline.resume()
+        spool.release()
+        for number in range(2):
+            file = spool.next(0.0)
+            assert file is not None
+            assert file.delivery.file == f"{number}.h5"
+            assert pipeline.judge(file).state == "learning"
+            spool.remove(file)
+
+
+def test_a_machine_keeps_a_bounded_number_of_recordings_waiting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(judging, "MAX_HELD", 2)
+    config = tagged_config(tmp_path)
+    write_hums(tmp_path, 4)
+    outcomes, _ = judge(config)
+    assert states(outcomes) == ["waiting", "waiting", "rejected", "rejected"]
+    with opened_history(config) as history:
+        assert {rejection.reason for rejection in history.reader.rejections()} == {"tags"}
+
+
+# Messages and uploads
+
+
+def test_a_message_of_1970_counts_by_its_arrival() -> None:
+    header = b'{"file": "a.wav", "time": "1970-01-01T00:02:00Z", "speed": "1500 rpm"}\n'
+    delivery, _ = read_message(header + b"content", "mqtt", datetime.now(UTC), "pump-1")
+    assert delivery.problem is None
+    assert delivery.facts["time"].startswith("1970")
+
+
+def test_uploads_that_are_refused_in_a_row_are_a_problem_of_their_source(tmp_path: Path) -> None:
+    config = watch_config(tmp_path, '[[source]]\nkind = "http"')
+    with opened_history(config) as history:
+        watch = Watch(config, history, lambda _: None)
+        for number in range(N_IN_A_ROW):
+            assert not watch.status().problems
+            path = tmp_path / f"{number}.bin"
+            path.write_bytes(b"content")
+            with pytest.raises(InputError):
+                watch.upload(path, "a.wav", "pump-1", {"speed": "-5 rpm"})
+        (problem,) = watch.status().problems
+        assert "3 uploads in a row were refused" in problem
+
+        watch.upload(path, "a.wav", "pump-1", {"speed": "5 rpm"})
+        assert not watch.status().problems

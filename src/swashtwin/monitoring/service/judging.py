@@ -181,8 +181,9 @@ class Pipeline:
             return self._reject(machine, file, "error", detail)
 
         if isinstance(filed, FiledRecording):
-            self._note_problem(machine.name, filed.delivery_problem)
-            return Outcome(machine.name, file.delivery.file, filed.state, filed.sentence)
+            change = self._note_problem(machine.name, filed.delivery_problem)
+            sentence = f"{filed.sentence}{change}"
+            return Outcome(machine.name, file.delivery.file, filed.state, sentence)
 
         return self._report_duplicate(machine, file, filed)
 
@@ -233,19 +234,27 @@ class Pipeline:
         reason = self._hold_reasons.setdefault(machine.name, reason)
         self._n_held[machine.name] += 1
         n_held = self._n_held[machine.name]
+        change = ""
         if n_held <= N_IN_A_ROW:
             with self._history.machine(machine.name) as transaction:
                 count = self._deliveries.load(transaction).n_findings + n_held
                 if count >= N_IN_A_ROW:
                     finding = DeliveryFinding("tags", reason)
                     problem = self._deliveries.report(transaction, file.delivery, [finding], count)
-                    self._problems[machine.name] = problem
-        return Outcome(machine.name, file.delivery.file, WAITING, f"waits for its tags: {reason}")
+                    change = self._note_problem(machine.name, problem)
+        sentence = f"waits for its tags: {reason}{change}"
+        return Outcome(machine.name, file.delivery.file, WAITING, sentence)
 
-    def _note_problem(self, machine: str, problem: str | None) -> None:
-        self._problems.pop(machine, None)
+    def _note_problem(self, machine: str, problem: str | None) -> str:
+        """Keep what is wrong with the deliveries of a machine, and return what changed in words."""
+        previous = self._problems.pop(machine, None)
         if problem is not None:
             self._problems[machine] = problem
+        if previous is None and problem is not None:
+            return "; delivery alarm raised"
+        if previous is not None and problem is None:
+            return "; delivery alarm cleared"
+        return ""
 
     def _find_machine(self, file: SpoolFile) -> Machine:
         name = file.delivery.machine
@@ -344,13 +353,13 @@ class Pipeline:
             copy=copy,
         )
         self._history.reject(rejection)
-        self._count_rejection(machine, delivery, DeliveryFinding(reason, detail), repeats)
+        change = self._count_rejection(machine, delivery, DeliveryFinding(reason, detail), repeats)
 
         return Outcome(
             machine=delivery.machine or "",
             file=delivery.file,
             state="rejected",
-            sentence=f"rejected ({REJECTION_REASONS.get(reason, reason)}): {detail}",
+            sentence=f"rejected ({REJECTION_REASONS.get(reason, reason)}): {detail}{change}",
             has_failed=reason == "error",
         )
 
@@ -360,8 +369,8 @@ class Pipeline:
         delivery: Delivery,
         finding: DeliveryFinding,
         repeats: int | None,
-    ) -> None:
-        """Count a rejection as a finding of its machine.
+    ) -> str:
+        """Count a rejection as a finding of its machine, and return what changed in words.
 
         Parameters
         ----------
@@ -370,16 +379,16 @@ class Pipeline:
         if machine is None:
             if len(self._n_strange) < MAX_STRANGERS:
                 self._n_strange[delivery.source, delivery.machine or ""] += 1
-            return
+            return ""
 
         with self._history.machine(machine.name) as transaction:
             if finding.kind in UNCOUNTED_REASONS and not self._is_stuck(transaction, repeats):
-                return
+                return ""
             state = self._deliveries.load(transaction)
             if finding.kind == "late":
                 state = replace(state, n_late=state.n_late + 1)
             problem = self._deliveries.count(transaction, state, delivery, [finding])
-        self._note_problem(machine.name, problem)
+        return self._note_problem(machine.name, problem)
 
     def _is_stuck(self, transaction: MachineTransaction, repeats: int | None) -> bool:
         """Return whether a delivery repeats the newest recording, as a logger does that hangs."""

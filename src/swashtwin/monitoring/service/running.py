@@ -17,8 +17,9 @@ from swashtwin.foundation import InputError, SwashTwinError, return_memory
 from swashtwin.monitoring.config.settings import FolderSource, HttpSource, MqttSource, WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
+from swashtwin.monitoring.service.deliveries import N_IN_A_ROW
 from swashtwin.monitoring.service.outbox_sender import OutboxSender
-from swashtwin.monitoring.sources.delivery import Delivery, check_facts
+from swashtwin.monitoring.sources.delivery import Delivery, accept_facts
 from swashtwin.monitoring.sources.folder import FolderWatch
 from swashtwin.monitoring.sources.mqtt import MqttWatch
 from swashtwin.monitoring.sources.spool import Spool, lock_folder
@@ -58,6 +59,8 @@ class Watch:
         self._sender = OutboxSender(config, history)
         self._sources: list[FolderWatch | MqttWatch] = []
         self._uploads: SourceStatus | None = None
+        self._n_refused_uploads = 0
+        """Uploads in a row whose facts were invalid."""
         self._open_sources()
         self._counters = {"judged": 0.0, "rejected": 0.0, "failures": 0.0, "seconds_judging": 0.0}
         self._model_problems: list[str] = []
@@ -163,8 +166,18 @@ class Watch:
                 "configuration."
             )
 
+        try:
+            accepted_facts = accept_facts(facts)
+        except InputError as cause:
+            self._n_refused_uploads += 1
+            if self._n_refused_uploads >= N_IN_A_ROW:
+                self._uploads.fail(
+                    f"{self._n_refused_uploads} uploads in a row were refused; the last one: "
+                    f"{cause}"
+                )
+            raise
         delivery = Delivery(
-            self._uploads.name, name, datetime.now(UTC), machine or None, check_facts(facts)
+            self._uploads.name, name, datetime.now(UTC), machine or None, accepted_facts
         )
         try:
             digest = self._spool.add(delivery, path)
@@ -172,6 +185,7 @@ class Watch:
             self._uploads.fail(cause.strerror or str(cause))
             raise
         self._uploads.succeed(1)
+        self._n_refused_uploads = 0
         return digest
 
     def status(self) -> WatchStatus:

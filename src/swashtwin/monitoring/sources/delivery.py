@@ -69,6 +69,10 @@ class RejectionError(DataError):
         self.reason = reason
 
 
+class EarlyTimeError(InputError):
+    """A time before any recording: the clock that stated it was never set."""
+
+
 @dataclass(frozen=True)
 class Delivery:
     """What is known of a file that a source delivered."""
@@ -137,6 +141,24 @@ def check_facts(facts: Mapping[str, Any]) -> dict[str, str]:
     return {name: plain_text(text) for name, text in facts.items()}
 
 
+def accept_facts(facts: Mapping[str, Any]) -> dict[str, str]:
+    """Return the facts of `check_facts`, also with a time before 1990.
+
+    The clock of the logger is wrong then, but its recording is as good as others and counts by its
+    time of arrival.
+
+    Raises
+    ------
+    InputError
+        A fact is unknown, not text, too long, or invalid.
+    """
+    try:
+        return check_facts(facts)
+    except EarlyTimeError:
+        others = {name: text for name, text in facts.items() if name != "time"}
+        return {**check_facts(others), "time": plain_text(facts["time"])}
+
+
 def _check_quantity(name: str, text: str) -> None:
     _, unit = QUANTITIES[name]
     value = parse_quantity(text, unit, name=name)
@@ -156,7 +178,7 @@ def read_time(text: str) -> datetime:
     Raises
     ------
     InputError
-        The text is not a time, or the time is before 1990.
+        The text is not a time, or the time is before 1990 (`EarlyTimeError`).
 
     Examples
     --------
@@ -174,7 +196,7 @@ def read_time(text: str) -> datetime:
         ) from None
 
     if time < MIN_TIME:
-        raise InputError(
+        raise EarlyTimeError(
             f"time = {_shorten(text)} lies before 1990. Check the clock of the sensor."
         )
     return time

@@ -21,8 +21,8 @@ from swashtwin.monitoring.sources.delivery import (
     SAMPLE_TYPES,
     Delivery,
     RejectionError,
+    accept_facts,
     channel_names,
-    check_facts,
     entry_facts,
 )
 from swashtwin.recordings import RawFile, ReadOptions, Recording, resolve_scaling
@@ -61,7 +61,7 @@ def read_message(
         header, content = _split_message(payload)
         specified_machine = _read_machine(header, machine)
         file_name = _read_file_name(header)
-        facts = check_facts(_facts_as_text(header))
+        facts = accept_facts(_facts_as_text(header))
         if not file_name:
             _require_facts(facts)
     except (InputError, DataError) as cause:

@@ -98,5 +98,7 @@ class Tags:
             self._lines = read_tag_lines(self._path, self._zone)
         except TagsFileError as cause:
             self._problem = str(cause)
+            if isinstance(cause.__cause__, OSError) and stamp is not None:
+                stamp = ()  # it exists, and may be readable at the next attempt
         self._times = [line.time for line in self._lines]
         self._stamp = stamp

@@ -215,7 +215,9 @@ def wrong_calibration(twin: Twin, stiffer_recording: Recording) -> Calibration:
 
 
 def test_the_misfit_of_a_wrong_twin_is_noted(wrong_calibration: Calibration) -> None:
-    assert any("miss the measured ones" in note for note in wrong_calibration.notes)
+    assert any(
+        "times as much as noise and model error explain" in note for note in wrong_calibration.notes
+    )
 
 
 def test_the_intervals_of_a_wrong_twin_change_no_value(

@@ -116,7 +116,7 @@ PROSE = frozenset(
         "split_meaning",
         "origin",
     }
-    | {"source", "title", "compared_with", "what", "why"}
+    | {"source", "title", "compared_with", "what", "why", "doubt"}
 )
 """Keys of sentences, whose number is compared and not their wording."""
 

@@ -186,6 +186,37 @@ def test_the_summary_of_a_calibration_names_each_operating_point_and_what_became
     assert "neither number is a test" in summary
 
 
+def test_a_calibration_that_identified_nothing_is_not_praised(calibration):
+    (fit,) = calibration.fits
+    nominal = replace(calibration.nominal_agreement, spectrum_value_error=1.42)
+    calibrated = replace(nominal, spectrum_value_error=0.0111)
+    fit = replace(fit, nominal_agreement=nominal, calibrated_agreement=calibrated)
+    estimates = tuple(replace(member, verdict="weak") for member in calibration.estimates)
+    unidentified = replace(calibration, estimates=estimates, fits=(fit,))
+
+    part = build_part(unidentified, key="twin")
+    assert part.verdict == "None of the 6 values identified"
+    assert part.tone == "bad"
+    assert part.actions[-1] == unidentified.doubt
+    assert not any(action.startswith("Synthesize") for action in part.actions)
+    assert "(SVE) fell from 142 % to 1.11 % of the measured amplitudes" in part.answer[0]
+
+    identified = tuple(replace(member, verdict="identified") for member in calibration.estimates)
+    part = build_part(replace(unidentified, estimates=identified), key="twin")
+    assert part.verdict.startswith("6 of 6 values identified; spectrum error fell")
+    assert part.tone == "good"
+
+
+def test_a_fit_of_few_lines_is_no_evidence(calibration):
+    (fit,) = calibration.fits
+    four_lines = replace(fit.spectra, measured=fit.spectra.measured[:1, :4])
+    few_lines = replace(calibration, fits=(replace(fit, spectra=four_lines),))
+    remark = "6 unknowns were fitted to 4 lines, so a small error is no evidence for the twin."
+
+    assert any(remark in text for text in summarize_calibration(few_lines))
+    assert not any("no evidence" in text for text in summarize_calibration(calibration))
+
+
 def test_each_combination_of_values_has_the_sign_of_its_greatest_weight(calibration):
     for _, *weights in directions_table(calibration).rows:
         assert max(map(float, weights), key=abs) > 0

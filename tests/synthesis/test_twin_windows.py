@@ -14,6 +14,7 @@ from swashtwin.calibration import (
     Posterior,
     calibrate,
 )
+from swashtwin.calibration.posterior import Verdict
 from swashtwin.calibration.unknowns import Unknowns, build_search_space
 from swashtwin.foundation import (
     InputError,
@@ -319,6 +320,30 @@ def test_windows_of_a_calibration_may_have_another_pressure(
 ) -> None:
     windows = synthesize(calibration, None, count=2, like=measured, pressure=MPa(5))
     np.testing.assert_array_equal(windows.discharge_pressure, MPa(5))
+
+
+def test_windows_of_a_doubtful_calibration_state_its_doubt(
+    calibration: Calibration, measured: WindowSet
+) -> None:
+    def notes(verdict: Verdict, calibration: Calibration = calibration) -> tuple[str, ...]:
+        estimates = tuple(replace(member, verdict=verdict) for member in calibration.estimates)
+        doubtful = replace(calibration, estimates=estimates)
+        return synthesize(doubtful, FAULT, count=1, like=measured).notes
+
+    assert not any("Do not" in note for note in notes("identified"))
+    assert "none of its six values is identified" in notes("weak")[0]
+
+    worse = tuple(
+        replace(fit, calibrated_agreement=fit.nominal_agreement) for fit in calibration.fits
+    )
+    assert notes("identified", replace(calibration, fits=worse))[0].startswith(
+        "Do not use this twin"
+    )
+
+    # nominal windows do not rest on the calibrated values
+    doubtful = replace(calibration, fits=worse)
+    nominal = synthesize(doubtful, FAULT, count=1, like=measured, values="nominal")
+    assert not any("Do not" in note for note in nominal.notes)
 
 
 def test_channels_that_the_calibration_did_not_read_are_noted(

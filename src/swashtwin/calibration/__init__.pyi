@@ -6,6 +6,7 @@ from .fault_dimensions import SeveritySearch as SeveritySearch
 from .fault_dimensions import get_severity_search as get_severity_search
 from .fault_dimensions import register_severity as register_severity
 from .fault_law import FaultLaw as FaultLaw
+from .fit import AGREEMENT_LABELS as AGREEMENT_LABELS
 from .fit import Agreement as Agreement
 from .fit import Fit as Fit
 from .fit import Spectra as Spectra

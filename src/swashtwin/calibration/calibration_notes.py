@@ -42,7 +42,8 @@ def collect_notes(
     if misfit > MAX_MISFIT:
         doubts.append(_describe_misfit(objective, result, misfit, hypotheses))
     doubts += [
-        f"the misfit falls from {misfit:.2g} to {hypothesis.misfit:.2g} if {hypothesis.mistake}"
+        f"the misfit falls from {misfit:.2g} to {hypothesis.misfit:.2g} (1 or less is expected) "
+        f"if {hypothesis.mistake}"
         for hypothesis in hypotheses
     ]
     if doubts:
@@ -74,8 +75,8 @@ def _describe_misfit(
 ) -> str:
     """Return what a large misfit means; without hypotheses, with the constants farthest off."""
     message = (
-        f"the calibrated lines miss the measured ones by {misfit:.2g} times what was expected, so "
-        "no value is called identified"
+        f"the calibrated lines differ from the measured ones {misfit:.2g} times as much as noise "
+        "and model error explain, so no value is called identified"
     )
     if hypotheses:
         return message

@@ -4,6 +4,7 @@ SVE.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 
 import numpy as np
 import torch
@@ -33,6 +34,16 @@ tenth.
 """
 ERROR_NAMES = ("rmse", "relative_rmse", "peak_error", "spectrum_value_error")
 """Fields of an `Agreement` that are zero at best."""
+AGREEMENT_LABELS = MappingProxyType(
+    {
+        "rmse": "RMSE of the waveforms [m/s²]",
+        "relative_rmse": "RMSE over the RMS of the measured waveform",
+        "peak_error": "PE, peak error over the measured peak",
+        "spectrum_value_error": "SVE, spectrum value error over the measured lines",
+        "spectral_correlation": "correlation of the lines' levels in dB",
+    }
+)
+"""Titles of the fields of an `Agreement`, with their units."""
 POSTERIOR_DRAWS = 64
 """Twins drawn from the posterior for the band of each line."""
 MARGIN_REVOLUTIONS = 5

@@ -109,6 +109,45 @@ class Calibration:
         )
 
     @property
+    def has_improved(self) -> bool:
+        """Whether the calibrated twin's lines are nearer to the measured ones than the nominal."""
+        return (
+            self.calibrated_agreement.spectrum_value_error
+            < self.nominal_agreement.spectrum_value_error
+        )
+
+    @property
+    def doubt(self) -> str:
+        """Why no windows should be simulated with the twin; empty if nothing is known against it.
+
+        Every use of the calibration states the same doubt.
+        """
+        if not self.has_improved:
+            return (
+                "Do not use this twin: its lines are no nearer to the measured ones than those of "
+                "the nominal twin. Check speed, pressure, units and the pump's parameters first."
+            )
+        if any(estimate.verdict == "identified" for estimate in self.estimates):
+            return ""
+        reason = "the recordings do not determine them"
+        if self.is_in_doubt:
+            reason = "the fit is in doubt, see the notes of the calibration"
+        return (
+            "Do not synthesize with this twin: none of its six values is identified "
+            f"({reason}). swashtwin twin next shows which further recording would determine them."
+        )
+
+    @property
+    def n_lines(self) -> int:
+        """Number of lines that were compared: channels times orders, over operating points."""
+        return sum(fit.spectra.measured.size for fit in self.fits)
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of values and constants that were searched."""
+        return len(self.posterior.point)
+
+    @property
     def nominal_agreement(self) -> Agreement:
         """Agreement of the nominal twin with the recordings, averaged over operating points."""
         return average_agreements([fit.nominal_agreement for fit in self.fits])

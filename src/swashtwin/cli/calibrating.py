@@ -186,6 +186,7 @@ def calibrate(
         "calibration": out,
         "interfaces": interfaces_file,
         **{key: saved[key] for key in _RESULT_KEYS},
+        "doubt": result.doubt,
         "simulations": result.simulations,
         "wall_s": result.wall_s,
         "report": page,
@@ -319,6 +320,8 @@ def _format_interval(estimate: "Estimate") -> str:
 
 
 def _print_calibration(result: "Calibration", out: Path, page: Path | None) -> None:
+    from swashtwin.calibration import AGREEMENT_LABELS
+
     law_estimates = () if result.law is None else result.law.estimates
     rows = [
         (
@@ -348,13 +351,18 @@ def _print_calibration(result: "Calibration", out: Path, page: Path | None) -> N
 
     nominal = asdict(result.nominal_agreement)
     calibrated = asdict(result.calibrated_agreement)
+    lines = plural(result.n_lines, "line")
+    unknowns = plural(result.n_unknowns, "unknown")
     print_table(
-        "Agreement with the measurement",
+        f"Agreement with these recordings, which is no test: {unknowns} fitted to {lines} "
+        "(errors: 0 is best; correlation: 1 is best)",
         ("score", "nominal", "calibrated"),
-        [(name, nominal[name], calibrated[name]) for name in nominal],
+        [(label, nominal[name], calibrated[name]) for name, label in AGREEMENT_LABELS.items()],
     )
     for text in result.notes:
         print_note(f"note: {text}")
+    if result.doubt:
+        print_note(f"note: {result.doubt}")
     print_text(str(out))
     if page is not None:
         print_text(str(page))

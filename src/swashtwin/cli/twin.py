@@ -1,7 +1,7 @@
 """Commands of the group twin on twins and pump files: severity, next, pump show and pump new."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -337,7 +337,7 @@ def severity(
     """
     from swashtwin.calibration import estimate_severity, get_severity_search, load_calibration
     from swashtwin.pump import read_fault
-    from swashtwin.recordings import load_recordings
+    from swashtwin.recordings import load_recordings, summarize_recordings
 
     kind, fixed_dimensions = fault_dimensions(fault)
     defect = read_fault(kind, **fixed_dimensions)
@@ -368,11 +368,14 @@ def severity(
             free=free_dimensions,
         )
     healthy_ids = [recording.recording_id for recording in healthy_recordings]
-    print_result(
-        {**trend.to_dict(), "healthy": healthy_ids},
-        as_json,
-        lambda: _print_severity(trend, len(healthy_ids)),
-    )
+    dates = {
+        recording.recording_id: summarize_recordings([recording]).date
+        for recording in worn_recordings
+    }
+    result = {**trend.to_dict(), "healthy": healthy_ids}
+    for row in result["estimates"]:
+        row["date"] = dates[row["recording_id"]]
+    print_result(result, as_json, lambda: _print_severity(trend, len(healthy_ids), dates))
 
 
 def _warn_of_other_machine(
@@ -438,7 +441,7 @@ def _further_healthy(
     ]
 
 
-def _print_severity(trend: "SeverityTrend", n_healthy: int) -> None:
+def _print_severity(trend: "SeverityTrend", n_healthy: int, dates: Mapping[str, str]) -> None:
     rows = []
     for estimate in trend.estimates:
         limit = estimate.detection_limit
@@ -449,6 +452,7 @@ def _print_severity(trend: "SeverityTrend", n_healthy: int) -> None:
         rows.append(
             (
                 estimate.recording_id,
+                dates[estimate.recording_id] or "not specified",
                 f"{estimate.condition.discharge_pressure / 1e6:.4g} MPa",
                 estimate.severity.text,
                 estimate.severity.verdict,
@@ -459,6 +463,7 @@ def _print_severity(trend: "SeverityTrend", n_healthy: int) -> None:
     dimension_name = trend.estimates[0].severity.dimension.name
     header = (
         "recording",
+        "recorded",
         "pressure",
         f"{dimension_name} (90 % interval)",
         "verdict",

@@ -4,14 +4,20 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from swashtwin.calibration import VALUE_SLICE, Calibration, Estimate, Fit, Spectra
+from swashtwin.calibration import (
+    AGREEMENT_LABELS,
+    VALUE_SLICE,
+    Calibration,
+    Estimate,
+    Fit,
+    Spectra,
+)
 from swashtwin.foundation import plural
 from swashtwin.plot import (
     CALIBRATED,
@@ -40,17 +46,6 @@ from swashtwin.report.wording import (
     rig_notice,
 )
 
-ERROR_LABELS = MappingProxyType(
-    {
-        "rmse": "RMSE of the waveforms [m/s²]",
-        "relative_rmse": "RMSE over the RMS of the measured waveform",
-        "peak_error": "PE, peak error",
-        "spectrum_value_error": "SVE, spectrum value error",
-        "spectral_correlation": "correlation of the lines' levels in dB",
-    }
-)
-"""Labels of the fields of an `Agreement`."""
-
 # Identified values from which a calibration is shown as good news.
 _MIN_IDENTIFIED = 3
 
@@ -61,19 +56,13 @@ _MAX_CARD_NOTES = 3
 def build_calibration_part(calibration: Calibration, key: str) -> Part:
     """Return the part of the page about one calibration."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
-    change = _describe_change(calibration, "spectrum_value_error")
     conditions = describe_conditions(calibration)
     summary = summarize_calibration(calibration)
-    has_improved = (
-        calibration.calibrated_agreement.spectrum_value_error
-        < calibration.nominal_agreement.spectrum_value_error
-    )
-
-    tone: Tone = "bad"
-    if has_improved and counts["identified"] >= _MIN_IDENTIFIED:
+    tone: Tone = "unsure"
+    if calibration.doubt:
+        tone = "bad"
+    elif counts["identified"] >= _MIN_IDENTIFIED:
         tone = "good"
-    elif has_improved:
-        tone = "unsure"
 
     provenance = build_facts_table(
         "How the calibration was made.",
@@ -99,11 +88,11 @@ def build_calibration_part(calibration: Calibration, key: str) -> Part:
             Section(SectionOrder.PROVENANCE, "Provenance of the calibration", (provenance,)),
         ),
         results={"calibrations": [calibration.to_dict()]},
-        verdict=f"Spectrum error {change}; {counts['identified']} of 6 values identified",
+        verdict=_describe_success(calibration, counts["identified"]),
         tone=tone,
         # the verdicts of the values before the remark on the recordings
         certainty=(*reversed(summary[1:]), *notes[:_MAX_CARD_NOTES]),
-        actions=_recommend_actions(calibration, has_improved=has_improved),
+        actions=_recommend_actions(calibration),
         facts=(
             ("Pump", calibration.twin.pump.name),
             ("Condition", add_bar_values(conditions)),
@@ -113,12 +102,20 @@ def build_calibration_part(calibration: Calibration, key: str) -> Part:
     )
 
 
-def _recommend_actions(calibration: Calibration, *, has_improved: bool) -> tuple[str, ...]:
+def _describe_success(calibration: Calibration, n_identified: int) -> str:
+    """Return the result in a few words; an error that fell is no success if no value is known."""
+    change = _describe_spectrum_change(calibration)
+    if not calibration.has_improved:
+        return f"Calibration failed: spectrum error {change}"
+    if n_identified == 0:
+        return "None of the 6 values identified"
+    return f"{n_identified} of 6 values identified; spectrum error {change}"
+
+
+def _recommend_actions(calibration: Calibration) -> tuple[str, ...]:
     """Return what to do with the result."""
-    if not has_improved:
-        return (
-            "Do not use this twin: check speed, pressure, units and the pump's parameters first.",
-        )
+    if not calibration.has_improved:
+        return (calibration.doubt,)
 
     uncertain = [
         estimate.symbol for estimate in calibration.estimates if estimate.verdict != "identified"
@@ -129,41 +126,62 @@ def _recommend_actions(calibration: Calibration, *, has_improved: bool) -> tuple
             f"Do not read {', '.join(uncertain)} as measured values of the pump; swashtwin twin "
             "next shows which further recording would determine them best."
         )
-    if len(uncertain) == len(calibration.estimates):
-        actions.append(
-            "Do not synthesize with this twin before its misfit is explained: see the notes."
-        )
-    else:
-        actions.append("Synthesize recordings that you do not have: swashtwin synthesize.")
-    return tuple(actions)
+    if calibration.doubt:
+        return (*actions, calibration.doubt)
+    return (*actions, "Synthesize recordings that you do not have: swashtwin synthesize.")
 
 
 def summarize_calibration(calibration: Calibration) -> tuple[str, ...]:
     """Return the result in sentences: what came out, what it is not, and the verdicts."""
     twin = calibration.twin
-    spectrum_change = _describe_change(calibration, "spectrum_value_error")
-    waveform_change = _describe_change(calibration, "rmse")
+    waveform_change = _describe_change(calibration, "rmse", "{} m/s²")
     return (
         f"The twin of {twin.pump.name} ({describe_conditions(calibration)}, "
         f"{format_label(twin.label)}) was calibrated with {calibration.method} on "
         f"{plural(len(calibration.recording_ids), 'recording')}. The error of its spectrum (SVE) "
-        f"{spectrum_change}; that of its waveform (RMSE) {waveform_change} m/s².",
-        "These are the recordings it was calibrated on, so neither number is a test.",
+        f"{_describe_spectrum_change(calibration)}; that of its waveform (RMSE) {waveform_change}.",
+        "These are the recordings it was calibrated on, so neither number is a test."
+        f"{_warn_of_few_lines(calibration)}",
         f"Of the six values {describe_verdicts(calibration)}.",
     )
 
 
-def _describe_change(calibration: Calibration, name: str) -> str:
-    """Return how an error changed by calibration, such as ``fell from 0.8 to 0.1``."""
-    nominal = getattr(calibration.nominal_agreement, name)
-    calibrated = getattr(calibration.calibrated_agreement, name)
+def _describe_spectrum_change(calibration: Calibration) -> str:
+    """Return how the error of the lines changed, in percent of the measured ones."""
+    change = _describe_change(calibration, "spectrum_value_error", "{} %", scale=100.0)
+    return f"{change} of the measured amplitudes"
+
+
+def _describe_change(
+    calibration: Calibration, name: str, form: str = "{}", scale: float = 1.0
+) -> str:
+    """Return how an error changed by calibration, such as ``fell from 0.8 to 0.1``.
+
+    Parameters
+    ----------
+    form : text with the unit around each number.
+    scale : factor of both numbers.
+    """
+    nominal = scale * getattr(calibration.nominal_agreement, name)
+    calibrated = scale * getattr(calibration.calibrated_agreement, name)
     if calibrated < nominal:
         verb = "fell"
     elif calibrated > nominal:
         verb = "ROSE"
     else:
         verb = "stayed"
-    return f"{verb} from {format_number(nominal)} to {format_number(calibrated)}"
+    values = (form.format(format_number(value)) for value in (nominal, calibrated))
+    return f"{verb} from {' to '.join(values)}"
+
+
+def _warn_of_few_lines(calibration: Calibration) -> str:
+    """Return a warning if a small error of the lines means little, because there are few."""
+    if calibration.n_lines >= calibration.n_unknowns:
+        return ""
+    return (
+        f" {plural(calibration.n_unknowns, 'unknown')} were fitted to "
+        f"{plural(calibration.n_lines, 'line')}, so a small error is no evidence for the twin."
+    )
 
 
 def describe_verdicts(calibration: Calibration) -> str:
@@ -221,7 +239,7 @@ def fit_table(calibration: Calibration) -> Table:
     improvement = calibration.improvement
 
     rows = []
-    for name, label in ERROR_LABELS.items():
+    for name, label in AGREEMENT_LABELS.items():
         fall = improvement.get(name, math.nan)
         change = "—"
         if math.isfinite(fall):
@@ -286,8 +304,9 @@ def directions_table(calibration: Calibration) -> Table:
 
     rows = []
     for remaining_variance, direction in zip(variance, directions.T, strict=True):
-        # rounding can make the variance of a well-known direction negative
-        width = format_percent(math.sqrt(max(remaining_variance, 0.0)))
+        # rounding can make the variance of a well-known direction negative, and a measurement
+        # never adds to what is unknown
+        width = format_percent(math.sqrt(min(max(remaining_variance, 0.0), 1.0)))
         rows.append((width, *(f"{weight:+.2f}" for weight in direction)))
     return Table(
         "Independent combinations of the six values, the best known first: the share of the prior "

@@ -154,6 +154,8 @@ def synthesize(
     if calibration is not None and values != "nominal":
         law = calibration.law
     if calibration is not None:
+        if calibration.doubt and values != "nominal":
+            notes = (calibration.doubt, *notes)
         notes += _calibration_notes(calibration, law, twin, measured)
 
     bandwidth = min(twin.bandwidth, measured.sample_rate / _BANDWIDTH_OF_SAMPLE_RATE)

@@ -8,7 +8,12 @@ from typing import Any, Literal
 import numpy as np
 
 from swashtwin.calibration.fault_dimensions import Dimension, FaultSpace
-from swashtwin.calibration.posterior import COVERAGE, IDENTIFIED_STD, NORMAL_QUANTILE
+from swashtwin.calibration.posterior import (
+    COVERAGE,
+    DOUBTFUL_MISFIT,
+    IDENTIFIED_STD,
+    NORMAL_QUANTILE,
+)
 from swashtwin.calibration.result import Calibration
 from swashtwin.foundation import InputError, deg, to_table
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match
@@ -252,8 +257,8 @@ def describe_recording(
         )
     if misfit > MAX_SEVERITY_MISFIT:
         yield (
-            f"its lines miss the twin's by {misfit:.2g} times what was expected: perhaps another "
-            "fault"
+            f"its lines differ from the twin's {misfit:.2g} times as much as noise and model error "
+            "explain: perhaps another fault"
         )
 
 
@@ -306,11 +311,16 @@ def _describe_calibration(calibration: Calibration, settings: SeveritySettings) 
         )
 
     if calibration.is_in_doubt:
+        reason = "its fit strains a bound or a prior"
+        if calibration.misfit > DOUBTFUL_MISFIT:
+            reason = (
+                f"its lines differ from the measured ones {calibration.misfit:.2g} times as much "
+                "as noise and model error explain"
+            )
         yield (
-            "The pump's calibration is in doubt (it misses lines by "
-            f"{calibration.misfit:.2g} times what was expected, or strains a bound or a prior; see "
-            "its notes), so no severity is called identified. Calibrate with the default nuisances "
-            "and phases, or correct what its notes name."
+            f"The pump's calibration is in doubt ({reason}; see its notes), so no severity is "
+            "called identified. Calibrate with the default nuisances and phases, or correct what "
+            "its notes name."
         )
     elif not calibration.settings.get("phases"):
         yield (

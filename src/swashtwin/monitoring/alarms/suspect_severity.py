@@ -171,7 +171,7 @@ def _compare_other_kinds(
     for kind in kinds:
         (estimate,) = trends[kind].estimates
         notes.append(
-            f"{describe_class(kind)} fits worse ({estimate.misfit:.2g} instead of "
-            f"{best_misfit:.2g}): {estimate.severity.text}."
+            f"{describe_class(kind)} fits worse (misfit {estimate.misfit:.2g} instead of "
+            f"{best_misfit:.2g}; 1 or less is expected): {estimate.severity.text}."
         )
     return notes

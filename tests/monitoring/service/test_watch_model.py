@@ -35,6 +35,7 @@ from swashtwin.monitoring.alarms.monitor import (
     OperatingPointState,
 )
 from swashtwin.monitoring.service import judging
+from swashtwin.monitoring.service.deliveries import N_IN_A_ROW
 from swashtwin.monitoring.sources.contents import Contents
 from swashtwin.monitoring.sources.delivery import Delivery
 from swashtwin.monitoring.sources.spool import Spool
@@ -90,6 +91,10 @@ class WatchModel(RuleBasedStateMachine):
         self.is_cleared = False
         self.opened = 0
         self.is_silenced = False
+        self.repeats = 0
+        self.delivery_alarm: str | None = None
+        self.is_delivery_cleared = False
+        self.delivery_opened = 0
 
     @initialize()
     def start(self) -> None:
@@ -124,6 +129,11 @@ class WatchModel(RuleBasedStateMachine):
             self.is_cleared = self.alarm == "open"
             self.alarm = "open" if self.is_cleared else None
 
+        self.repeats = 0
+        if self.delivery_alarm == "acknowledged":
+            self.delivery_alarm = None
+        self.is_delivery_cleared = self.delivery_alarm is not None
+
         if is_killed:
             self.restart()
             repeated = self.pipeline.judge(self.spool.next(0))
@@ -143,6 +153,13 @@ class WatchModel(RuleBasedStateMachine):
 
         self.rejected.add("double")
 
+        # The newest recording again and again is that of a logger that hangs.
+        self.repeats += 1
+        if self.repeats >= N_IN_A_ROW:
+            self.delivery_opened += self.delivery_alarm is None
+            self.delivery_alarm = self.delivery_alarm or "open"
+            self.is_delivery_cleared = False
+
     @rule()
     def restart(self) -> None:
         """End the watch and start it again."""
@@ -153,13 +170,17 @@ class WatchModel(RuleBasedStateMachine):
     def acknowledge(self) -> None:
         """Acknowledge the alarm, if there is an open one, and try it again."""
         alarms = self.history.reader.alarms(state="open")
-        assert len(alarms) == (self.alarm == "open")
+        assert len(alarms) == (self.alarm == "open") + (self.delivery_alarm == "open")
 
         for alarm in alarms:
             with self.history.machine("pump-1") as machine:
                 machine.acknowledge(alarm.id, "Ada", "seen")
-            self.alarm = None if self.is_cleared else "acknowledged"
-            self.is_cleared = False
+            if alarm.kind == "delivery":
+                self.delivery_alarm = None if self.is_delivery_cleared else "acknowledged"
+                self.is_delivery_cleared = False
+            else:
+                self.alarm = None if self.is_cleared else "acknowledged"
+                self.is_cleared = False
 
             try:
                 with self.history.machine("pump-1") as machine:
@@ -184,6 +205,8 @@ class WatchModel(RuleBasedStateMachine):
         self.alarm_state = AlarmState()
         self.alarm = None
         self.is_cleared = False
+        self.delivery_alarm = None
+        self.is_delivery_cleared = False
 
     @invariant()
     def holds(self) -> None:
@@ -196,13 +219,20 @@ class WatchModel(RuleBasedStateMachine):
         assert {row.reason for row in reader.rejections()} == self.rejected
 
         alarms = reader.alarms(limit=1000)
-        assert len(alarms) == self.opened
-        expected_states = [self.alarm] if self.alarm else []
-        assert [row.state for row in alarms if row.state != "closed"] == expected_states
+        assert len(alarms) == self.opened + self.delivery_opened
+        expected_states = {"pump": self.alarm, "delivery": self.delivery_alarm}
+        for kind, state in expected_states.items():
+            rows = [row for row in alarms if row.kind == kind]
+            expected = [state] if state else []
+            assert [row.state for row in rows if row.state != "closed"] == expected
         assert all(row.who == "Ada" for row in alarms if row.state != "open")
 
         with self.history.machine("pump-1") as machine:
-            unreported = [row for row in machine.unreported_alarms() if row.cleared is None]
+            unreported = [
+                row
+                for row in machine.unreported_alarms()
+                if row.cleared is None and row.kind == "pump"
+            ]
         assert (
             not unreported
             or self.is_silenced

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swashtwin.diagnosis import AnomalyDetector
 from swashtwin.foundation import DataError
 from swashtwin.monitoring.alarms.sensors import check_sensors
 from swashtwin.recordings import Finding, Recording, inspect_recordings, load_recording
@@ -189,3 +190,18 @@ def test_samples_that_were_made_of_fewer_ones_are_reported(
     signal: np.ndarray, message: str
 ) -> None:
     assert message in findings_of(recording_of(signal))["made"].message
+
+
+# ---- diagnosis
+
+
+def test_a_diagnosis_notes_spikes_and_has_no_verdict_on_marked_samples() -> None:
+    healthy = [recording_of(vibration(seed)).replace(recording_id=f"r{seed}") for seed in range(12)]
+    detector = AnomalyDetector().fit(healthy)
+
+    spiky = detector.diagnose(recording_of(overwritten([500], 1500.0)))
+    marked = detector.diagnose(recording_of(overwritten([500, 900], -9999.0)))
+
+    assert any("spikes" in note for note in spiky.notes)
+    assert marked.no_verdict is not None
+    assert "mark of missing values" in marked.no_verdict

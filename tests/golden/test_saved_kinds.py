@@ -12,6 +12,8 @@ from stored_keys import STORED_KEYS, stored_keys
 
 from swashtwin.foundation import SwashTwinError
 
+from swashtwin.monitoring.history.database import EXTENDED_VERSION
+
 MAX_MESSAGE_LENGTH = 700
 
 
@@ -69,7 +71,11 @@ def test_another_version_is_refused(
     number = re.search(r"\d+$", kind.file.version(saved_file(name, tmp_path / "file")))
     assert number is not None
     unclear_messages = {}
-    for other in (int(number[0]) + 1, int(number[0]) - 1, 999_999):
+    others = {int(number[0]) + 1, int(number[0]) - 1, 999_999}
+    if name == "history":
+        # A plant's history of the previous version is extended when it is opened.
+        others.remove(EXTENDED_VERSION)
+    for other in sorted(others):
         path = saved_file(name, tmp_path / str(other))
         version = re.sub(r"\d+$", str(other), kind.file.version(path))
         kind.file.set_version(path, version)

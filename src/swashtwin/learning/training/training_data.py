@@ -207,6 +207,6 @@ def _add_synthetic(measured: WindowSet, synthetic: Sequence[WindowSet]) -> Windo
 def _duplicate_notes(windows: WindowSet) -> list[str]:
     duplicates = find_duplicates(windows.recordings)
     return [
-        f"{name} is a copy of {original}, altered or not; keep one of them, or it counts twice."
+        f"{name} holds the same samples as {original}; keep one of them, or it counts twice."
         for name, original in duplicates.items()
     ]

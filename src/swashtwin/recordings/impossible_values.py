@@ -88,9 +88,9 @@ def find_outliers(row: Float[np.ndarray, " time"]) -> Outliers | None:
         return None
     median = float(np.median(row[is_finite]))
     distance = np.where(is_finite, np.abs(row - median), 0.0)
-    median_distance = _median_distance(distance[is_finite])
+    median_distance = float(np.median(distance[is_finite]))
     if median_distance == 0:
-        return None  # all samples are equal
+        return None  # half of the samples are equal
 
     numbers = _beyond_gap(distance, median_distance)
     if not numbers.size:
@@ -116,20 +116,9 @@ def may_have_outliers(sparse: Float[np.ndarray, " sample"], minimum: float, maxi
     if not sparse.size:
         return False
     median = float(np.median(sparse))
-    median_distance = _median_distance(np.abs(sparse - median))
-    if median_distance == 0:
-        return minimum < maximum
+    median_distance = float(np.median(np.abs(sparse - median)))
     # Half of the limit, since the median of some samples is not that of all.
     return max(maximum - median, median - minimum) > 0.5 * _FAR_RATIO * median_distance > 0
-
-
-def _median_distance(distance: Float[np.ndarray, " sample"]) -> float:
-    """Return the median distance, if half of the samples are equal that of the others."""
-    median_distance = float(np.median(distance))
-    if median_distance > 0:
-        return median_distance
-    nonzero = distance[distance > 0]
-    return float(np.median(nonzero)) if nonzero.size else 0.0
 
 
 def spread_samples(row: Float[np.ndarray, " time"]) -> Float[np.ndarray, " sample"]:

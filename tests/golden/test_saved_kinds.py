@@ -11,7 +11,6 @@ from saved_kinds import SAVED_KINDS, WITHOUT_VERSION, SavedKind
 from stored_keys import STORED_KEYS, stored_keys
 
 from swashtwin.foundation import SwashTwinError
-
 from swashtwin.monitoring.history.database import EXTENDED_VERSION
 
 MAX_MESSAGE_LENGTH = 700

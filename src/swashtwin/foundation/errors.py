@@ -11,7 +11,6 @@ line and ``unit = "g"`` in an index file. A remedy therefore names settings in b
 
 import re
 from collections.abc import Callable
-from typing import Self
 
 Spelling = Callable[[str, str], str]
 """Spells a setting from its name and its value; the value is ``""`` if none is proposed."""
@@ -107,7 +106,7 @@ class SwashTwinError(Exception):
             return self.message
         return f"{self.message} {render_settings(self.remedy, spelling)}"
 
-    def with_context(self, prefix: str) -> Self:
+    def with_context(self, prefix: str) -> "SwashTwinError":
         """Return the same error with a text before its message, such as the file's name."""
         return type(self)(f"{prefix}{self.message}", field=self.field, remedy=self.remedy)
 

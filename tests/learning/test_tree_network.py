@@ -32,12 +32,17 @@ def test_the_shares_of_leaves_are_averaged_over_the_trees(nodes) -> None:
         ("left", [0, 1, 2, 3], "leads back"),
         ("left", [1, 0, 2, 3], "leads back"),
         ("left", [3, 1, 2, 3], "leads out"),
-        ("left", [1, 1, 2], "one entry for each node"),
+        pytest.param("left", [1, 1, 2], "one entry for each node", marks=pytest.mark.wrong_types),
         ("root", [], "one entry for each node"),
         ("root", [0, 4], "one entry for each node"),
         ("root", [-1], "one entry for each node"),
         ("column", [-1, -1, -1, -1], "one entry for each node"),
-        ("leaf_probability", [0.5, 0.5, 0.5], "one entry for each node"),
+        pytest.param(
+            "leaf_probability",
+            [0.5, 0.5, 0.5],
+            "one entry for each node",
+            marks=pytest.mark.wrong_types,
+        ),
         ("column", [4, -1, -1, 2], "one entry for each node"),
     ],
 )
@@ -47,6 +52,7 @@ def test_nodes_that_contradict_each_other_are_refused(nodes, name, changed, mess
         Forest(**nodes)
 
 
+@pytest.mark.wrong_types
 def test_nodes_of_another_type_are_refused(nodes) -> None:
     nodes["left"] = nodes["left"].astype(np.float32)
     with pytest.raises(ValueError, match="another type"):

@@ -248,7 +248,7 @@ def _attribute_to_samples(
 
 def _join_windows(
     windows: Float[np.ndarray, "window channel time"],
-) -> Float64[np.ndarray, "channel time"]:
+) -> Float64[np.ndarray, "channel joined_time"]:
     n_channels = windows.shape[1]
     return windows.transpose(1, 0, 2).reshape(n_channels, -1).astype(np.float64)
 

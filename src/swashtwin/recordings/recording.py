@@ -308,7 +308,7 @@ def _require_unique_channels(recording_id: str, channels: Sequence[str]) -> None
 def _combine_samples(
     recording_id: str,
     signal: np.ndarray | None,
-    speed: np.ndarray | None,
+    speed: Any,  # np.ndarray (time), None, or _SPEED_OF_SAMPLES
     samples: Samples | None,
 ) -> Samples:
     """Return the samples of a recording from the arguments of its constructor.

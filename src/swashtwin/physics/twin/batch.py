@@ -169,9 +169,12 @@ def _stack_drives(twins: Sequence[Twin], n_rows: int) -> Drive:
 
 
 def _stack_paths(
-    drives: Sequence[Drive], columns: Sequence[Int[np.ndarray, " column"]], n_lines: int
+    drives: Sequence[Drive], columns: Sequence[np.ndarray], n_lines: int
 ) -> Tensor | None:
-    """Return the sensor paths of several drives, 1 for a drive without; None if none has one."""
+    """Return the sensor paths of several drives, 1 for a drive without; None if none has one.
+
+    The columns of each drive are integers, as many as it has lines.
+    """
     if all(drive.path is None for drive in drives):
         return None
 

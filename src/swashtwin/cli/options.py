@@ -365,14 +365,14 @@ def read_settings(
     typer.BadParameter
         A setting does not exist, or its value is of another type.
     """
-    from difflib import get_close_matches
+    from swashtwin.foundation import closest_name
 
     settings = {}
     for name, text in read_pairs(texts, "--set").items():
         if name not in defaults:
-            close_names = get_close_matches(name, defaults, n=1)
-            if close_names:
-                hint = f"Did you mean {close_names[0]}?"
+            suggestion = closest_name(name, defaults)
+            if suggestion:
+                hint = f"Did you mean {suggestion}?"
             else:
                 hint = f"The settings are {', '.join(sorted(defaults))}."
             raise typer.BadParameter(f"{owner} has no setting {name!r}. {hint}", param_hint="--set")

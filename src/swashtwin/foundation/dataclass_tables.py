@@ -3,7 +3,6 @@
 msgspec converts and checks every entry; its messages are reworded for people who write such files.
 """
 
-import difflib
 import json
 import math
 import re
@@ -18,6 +17,7 @@ import msgspec
 import numpy as np
 
 from swashtwin.foundation.errors import InputError
+from swashtwin.foundation.misspellings import closest_name
 
 T = TypeVar("T")
 
@@ -169,8 +169,8 @@ def _describe_misfit(message: str, form: Any, table: Any) -> str:
 
 
 def _describe_unknown_entry(name: str, form: Any) -> str:
-    similar_names = difflib.get_close_matches(name, _entry_names(form), 1)
-    hint = f"; did you mean {similar_names[0]!r}?" if similar_names else ""
+    suggestion = closest_name(name, _entry_names(form))
+    hint = f"; did you mean {suggestion!r}?" if suggestion else ""
     return f"there is no entry {name!r}{hint}"
 
 

@@ -4,7 +4,6 @@ A bare number is refused, and so is one without a source: whoever edits the file
 millimeters for meters, and whoever reads a result can judge what it rests on.
 """
 
-import difflib
 import math
 import re
 import tomllib
@@ -19,6 +18,7 @@ from swashtwin.foundation import (
     MissingFileError,
     UnitError,
     as_path,
+    closest_name,
     parse_quantity,
     read_text,
     safe_file_name,
@@ -46,8 +46,8 @@ def _require_names(table: dict[str, Any], names: tuple[str, ...], path: str) -> 
     """Raise an error if a table has an entry that is not one of `names`."""
     for name in table:
         if name not in names:
-            matches = difflib.get_close_matches(name, names, 1)
-            hint = f" Did you mean {matches[0]!r}?" if matches else ""
+            suggestion = closest_name(name, names)
+            hint = f" Did you mean {suggestion!r}?" if suggestion else ""
             raise DataError(
                 f"{path} has an unknown entry {name!r}; the entries are {', '.join(names)}.{hint}"
             )

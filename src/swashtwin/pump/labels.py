@@ -1,10 +1,9 @@
 """Fault classes of the classifiers, and the words that people write for them."""
 
-import difflib
 import re
 import unicodedata
 
-from swashtwin.foundation import InputError, plain_text
+from swashtwin.foundation import InputError, closest_name, plain_text
 
 CLASSES = ("normal", "swash_plate", "cylinder_block", "piston", "valve_plate")
 """The paper's five classes, in its order."""
@@ -142,8 +141,8 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
             return str(candidate)
 
     names = [*classes, *(alias for alias, target in ALIASES.items() if target in classes)]
-    matches = difflib.get_close_matches(word, names, n=1, cutoff=0.55)
-    hint = f" Did you mean {ALIASES.get(matches[0], matches[0])!r}?" if matches else ""
+    suggestion = closest_name(word, names)
+    hint = f" Did you mean {ALIASES.get(suggestion, suggestion)!r}?" if suggestion else ""
     raise InputError(f"Invalid class {text!r}: must be one of {', '.join(classes)}.{hint}")
 
 

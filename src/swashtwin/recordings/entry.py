@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from datetime import date, time
-from difflib import get_close_matches
 from typing import Any
 
-from swashtwin.foundation import DataError, InputError, UnitError, from_table
+from swashtwin.foundation import DataError, InputError, UnitError, closest_name, from_table
 from swashtwin.recordings.formats.raw_file import ReadOptions, Text
 
 QUANTITIES = {
@@ -109,10 +108,10 @@ class Entry(ReadOptions):
     def _require_key(cls, key: str, value: Any, source_name: str) -> None:
         keys = {field.name for field in fields(cls)}
         if key not in keys:
-            matches = get_close_matches(key, keys, n=1)
+            suggestion = closest_name(key, keys)
             hint = f"the keys are {', '.join(sorted(keys))}."
-            if matches:
-                hint = f"did you mean {matches[0]!r}?"
+            if suggestion:
+                hint = f"did you mean {suggestion!r}?"
             raise DataError(f"{source_name}: unknown key {key[:_MAX_KEY_LENGTH]!r}; {hint}")
 
         if key in QUANTITIES and not isinstance(value, str):

@@ -2,12 +2,11 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
 
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, closest_name
 from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.recording_facts import specified_pressure, specified_speed
@@ -155,6 +154,6 @@ def unknown_attribute_error(
         if len(values) > 1 and key not in ("file", "sha256"):  # these differ for all recordings
             names.append(key)
 
-    matches = get_close_matches(name, names, n=1)
-    hint = f"did you mean {matches[0]!r}?" if matches else f"use one of {', '.join(names)}."
+    suggestion = closest_name(name, names)
+    hint = f"did you mean {suggestion!r}?" if suggestion else f"use one of {', '.join(names)}."
     return InputError(f"No recording has the attribute {name!r}; {hint}")

@@ -2,7 +2,6 @@
 
 import tomllib
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from swashtwin.foundation import (
     InputError,
     MissingFileError,
     SwashTwinError,
+    closest_name,
     from_table,
     plain_text,
     read_text,
@@ -28,8 +28,6 @@ from swashtwin.recordings.recording import Recording
 
 INDEX_NAME = "recordings.toml"
 
-# Similarity from which a class is proposed for an unknown one: abbreviations differ much.
-_CLASS_SIMILARITY = 0.4
 
 # Characters of a library's error that a message repeats.
 _MAX_REASON_LENGTH = 160
@@ -159,8 +157,8 @@ def _require_declared_class(
     if classes is None or label is None or label in classes:
         return
 
-    matches = get_close_matches(label, classes, n=1, cutoff=_CLASS_SIMILARITY)
-    hint = f"did you mean {matches[0]!r}?" if matches else f"classes = {list(classes)}."
+    suggestion = closest_name(label, classes)
+    hint = f"did you mean {suggestion!r}?" if suggestion else f"classes = {list(classes)}."
     raise DataError(f"{source_name} has the unknown class {label!r}; {hint}")
 
 

@@ -1,6 +1,5 @@
 """Networks by name, and the check of their settings before anything is built."""
 
-import difflib
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from swashtwin.foundation import InputError, load_extra
+from swashtwin.foundation import InputError, closest_name, load_extra
 from swashtwin.learning.networks.solved_network import SolvedNetwork, require_shapes
 
 if TYPE_CHECKING:
@@ -49,8 +48,8 @@ def network_class(name: str) -> Any:
         for entry in entry_points(group=_ENTRY_POINTS, name=name):
             register_network(name, entry.load())
     if name not in NETWORKS:
-        matches = difflib.get_close_matches(name.lower(), NETWORKS, n=1, cutoff=0.3)
-        hint = f" Did you mean {matches[0]!r}?" if matches else ""
+        suggestion = closest_name(name, NETWORKS)
+        hint = f" Did you mean {suggestion!r}?" if suggestion else ""
         raise InputError(
             f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}.{hint}"
         )
@@ -218,8 +217,8 @@ def checked_settings(kind: Any, settings: dict[str, Any]) -> dict[str, Any]:
     checked = {}
     for name, value in settings.items():
         if name not in defaults:
-            matches = difflib.get_close_matches(name, defaults, n=1)
-            hint = f" Did you mean {matches[0]}?" if matches else ""
+            suggestion = closest_name(name, defaults)
+            hint = f" Did you mean {suggestion}?" if suggestion else ""
             raise InputError(
                 f"network {kind.name} has no setting {name!r}; it has {', '.join(defaults)}.{hint}"
             )

@@ -1,6 +1,5 @@
 """Cut recordings into windows of equal length."""
 
-import difflib
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, closest_name
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import (
     BLOCK_SAMPLES,
@@ -137,8 +136,8 @@ def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None)
     for recording in recordings:
         if recording.label is None or recording.label in classes:
             continue
-        similar = difflib.get_close_matches(recording.label, classes, n=1, cutoff=0.3)
-        hint = f" Did you mean {similar[0]!r}?" if similar else ""
+        suggestion = closest_name(recording.label, classes)
+        hint = f" Did you mean {suggestion!r}?" if suggestion else ""
         raise InputError(
             f"{recording.recording_id} has the label {recording.label!r}, which is not among the "
             f"classes {', '.join(classes)}.{hint}"

@@ -309,6 +309,13 @@ def test_a_sensor_of_the_hydraulic_set_with_other_cycles_is_refused(tmp_path: Pa
         read_uci_hydraulic(tmp_path)
 
 
+def test_a_damaged_table_of_the_hydraulic_set_is_refused_by_its_name(tmp_path: Path) -> None:
+    save_table(tmp_path / "profile.txt", PROFILE, "%d")
+    (tmp_path / "TS1.txt").write_text("1.5\t2\n1.5\tx\n")
+    with pytest.raises(DataError, match=r"TS1\.txt is not a table of numbers"):
+        read_uci_hydraulic(tmp_path)
+
+
 # ---- folders of something else
 
 

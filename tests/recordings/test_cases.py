@@ -263,6 +263,7 @@ REFUSED_FILES = {
     # What rises evenly beside the samples is not the time.
     "K02-pressure.csv": "does not state its sample rate",
     "K02-turns.csv": "does not state its sample rate",
+    "K03-log.csv": r"the rows hold 1 of 4 columns, only the times \(Timestamp; no X, Y, Z\)",
     "K07-interleaved_number.csv": r"rows are of 3 sensors by turns \(channel: 1, 2, 3\)",
     # Order tracking samples by the shaft's angle.
     "43-mdf-master-angle.mf4": "counts angle, not time",

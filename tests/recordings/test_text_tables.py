@@ -398,6 +398,63 @@ def test_numbers_that_may_be_read_in_two_ways_are_refused(
         load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
 
 
+def test_marks_for_thousands_are_refused_with_a_specified_decimal_mark(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x;y\n" + "1.5;1,294.25\n" * 60)
+
+    with pytest.raises(DataError, match=r"'1,294\.25' has marks for thousands"):
+        load_recording(tmp_path / "a.csv", sample_rate=1, unit="1", decimal=".")
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        pytest.param(
+            "Zeit;X;Y;Z\n" + "".join(f"{row / 100:.2f}\n" for row in range(40)),
+            {},
+            r"the rows hold 1 of 4 columns, only the times \(Zeit; no X, Y, Z\)",
+            id="no other separator",
+        ),
+        pytest.param(
+            "time (ms)|ax|ay\n" + "".join(f"{row}\n" for row in range(40)),
+            {"header_lines": 1},
+            "the rows hold 1 of 3 columns, only the times",
+            id="specified header",
+        ),
+        pytest.param(
+            "Zeit;Nr;X;Y\n" + "".join(f"0,{row}\n" for row in range(40)),
+            {"separator": ","},
+            r"the rows hold 2 of 4 columns \(Zeit; no X, Y\)",
+            id="separator of the decimals",
+        ),
+        pytest.param(
+            "Timestamp,X,Y\n" + "".join(f"2026-03-02 09:14:{row:02}\n" for row in range(40)),
+            {},
+            "holds times only .such as 2026-03-02 09:14:39.",
+            id="time stamps",
+        ),
+        pytest.param(
+            "Zeit, s\n" + "".join(f"{row / 100:.2f}\n" for row in range(40)),
+            {},
+            "holds times only .Zeit, s.",
+            id="unit behind a comma",
+        ),
+    ],
+)
+def test_rows_that_hold_only_the_times_are_refused(
+    text: str, options: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a.csv").write_text(text)
+
+    with pytest.raises(DataError, match=message):
+        load_recording(tmp_path / "a.csv", sample_rate=100, unit="g", **options)
+
+
+def test_one_column_may_have_a_heading_with_a_comma(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("acceleration,z\n0.5\n-1.5\n0.25\n")
+
+    assert load_recording(tmp_path / "a.csv", sample_rate=100, unit="g").n_samples == 3
+
+
 def test_a_text_without_a_table_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("Pump 3 runs\nPump 4 runs well\nmeasured, on Friday 3\n")
 

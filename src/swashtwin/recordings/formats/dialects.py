@@ -147,8 +147,11 @@ class Dialect:
             -self.start,
         )
 
-    def refuse_thousands(self, path: Path) -> None:
-        """Refuse ``1.234,5``, and ``1,234``, which may be above one or above a thousand."""
+    def refuse_thousands(self, path: Path, *, is_decimal_specified: bool) -> None:
+        """Refuse ``1.234,5``, and ``1,234``, which may be above one or above a thousand.
+
+        A specified decimal mark settles what ``1,234`` is.
+        """
         for column, kind in enumerate(self.kinds):
             fields = [row[column] for row in self.rows if row[column]]
             if kind is Kind.text:
@@ -158,7 +161,7 @@ class Dialect:
                         f"{path}: {marked[0]!r} has marks for thousands; "
                         "write the numbers without them."
                     )
-            elif kind is Kind.number:
+            elif kind is Kind.number and not is_decimal_specified:
                 self._refuse_grouped(path, fields)
 
     def _refuse_grouped(self, path: Path, fields: list[str]) -> None:
@@ -193,6 +196,26 @@ class Dialect:
                 field="separator",
                 remedy="Set {separator=','} or {decimal=','}.",
             )
+
+    def refuse_times_alone(self, path: Path, lines: Sequence[str]) -> None:
+        """Refuse rows that hold the time, or little more, of the columns that a header names.
+
+        The header is then split by another separator than the rows, which may need none.
+        """
+        filled_lines = [line for line in lines[: self.start] if line.strip()]
+        if not filled_lines or parse_time_name(filled_lines[-1]):
+            return
+
+        width = len(self.kinds)
+        for separator in set(_SEPARATORS) - {" ", self.separator}:
+            headings = split_line(_without_comment_mark(filled_lines[-1]), separator)
+            if len(headings) > width and parse_time_name(headings[0]):
+                rest = ", only the times" if width == 1 else ""
+                raise DataError(
+                    f"{path}: the rows hold {width} of {len(headings)} columns{rest} "
+                    f"({headings[0]}; no {', '.join(headings[width : width + 3])}). Export the "
+                    "file again with its samples."
+                )
 
     def refuse_other_headings(self, path: Path, lines: Sequence[str]) -> None:
         """Refuse a header with fewer or more headings than columns: whose they are is unknown."""
@@ -318,6 +341,7 @@ def detect_dialect(path: Path, lines: Sequence[str], options: ReadOptions) -> Di
             if dialect is not None:
                 candidates.append(dialect)
     if not candidates:
+        _refuse_stamps_alone(path, lines)
         raise DataError(
             f"{path} holds no table of numbers that could be found.",
             field="separator",
@@ -326,14 +350,24 @@ def detect_dialect(path: Path, lines: Sequence[str], options: ReadOptions) -> Di
         )
 
     best = max(candidates, key=Dialect.rank)
-    if options.decimal is None:
-        best.refuse_thousands(path)
-        if options.separator is None:
-            best.refuse_ambiguous(path, lines)
+    best.refuse_thousands(path, is_decimal_specified=options.decimal is not None)
+    if options.decimal is None and options.separator is None:
+        best.refuse_ambiguous(path, lines)
+    best.refuse_times_alone(path, lines)
     if options.header_lines is None:
         best.refuse_other_headings(path, lines)
     best.refuse_tagged(path, lines)
     return best
+
+
+def _refuse_stamps_alone(path: Path, lines: Sequence[str]) -> None:
+    """Refuse rows that hold nothing but time stamps."""
+    rows = [line.strip(' "') for line in lines if line.strip()][-_TAIL_LINES:]
+    if rows and all(map(is_stamp, rows[1:] or rows)):
+        raise DataError(
+            f"{path} holds times only (such as {rows[-1]}), and no samples. Export the file again "
+            "with its samples."
+        )
 
 
 def _without_comment_mark(line: str) -> str:

@@ -62,6 +62,8 @@ def split_unit(text: str) -> tuple[str, str | None]:
     --------
     >>> split_unit("acceleration [g]"), split_unit("Zeit in s"), split_unit("Y[1]")
     (('acceleration', 'g'), ('Zeit', 's'), ('Y[1]', None))
+    >>> split_unit("Gyroscope x (rad/s)")
+    ('Gyroscope x (rad/s)', None)
     """
     match = _UNIT_IN_BRACKETS.match(text)
     if match:
@@ -72,7 +74,9 @@ def split_unit(text: str) -> tuple[str, str | None]:
             return match[1].rstrip(" /"), normalize_unit(match[2])
 
     match = _UNIT_AFTER_WORD.match(text)
-    if match and normalize_unit(match[2]) in TRADE_UNITS:
+    # A slash within brackets belongs to their unit: "(rad/s)" is not "(rad" in seconds.
+    is_within_brackets = match is not None and re.search(r"[\[(][^\])]*$", match[1]) is not None
+    if match and not is_within_brackets and normalize_unit(match[2]) in TRADE_UNITS:
         return match[1], normalize_unit(match[2])
     return text, None
 

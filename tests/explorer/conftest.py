@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from explored import open_explorer
+from explored import open_explorer, read_workspace
 from starlette.testclient import TestClient
 
 from swashtwin.explorer import Workspace
@@ -36,13 +36,7 @@ def folder(pair_folder: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def workspace(folder: Path) -> Workspace:
     """The explorer's view of the folder, after every recording was inspected."""
-    workspace = Workspace(folder)
-    # the first request for the table starts the inspection in a thread
-    workspace.table(-1)
-    worker = workspace._worker
-    assert worker is not None
-    worker.join()
-    return workspace
+    return read_workspace(folder)
 
 
 @pytest.fixture

@@ -190,6 +190,24 @@ def test_two_classes_are_compared(tab) -> None:
     assert "dB" in first_row.inner_text()
 
 
+def test_the_sides_of_a_comparison_are_named_and_swapped(tab) -> None:
+    enter(tab, "#compare")
+    side_a = tab.locator("select >> nth=0")
+    assert side_a.evaluate("menu => menu.selectedOptions[0].text") == "class normal"
+    table = tab.get_by_role("region", name="What differs most")
+    playwright.expect(table.locator("th").nth(2)).to_have_text("Change, B − A")
+    change = float(table.locator("tbody tr td").nth(2).inner_text().split()[0])
+
+    tab.get_by_role("button", name="Swap A and B").click()
+
+    playwright.expect(
+        tab.get_by_text("in B (class normal) than in A (class swash plate)")
+    ).to_be_visible()
+    swapped = float(table.locator("tbody tr td").nth(2).inner_text().split()[0])
+    assert swapped == -change
+    assert tab.locator("figure.chart").nth(1).inner_text().startswith("A: class swash")
+
+
 def test_a_slider_of_the_twin_changes_its_misfit(tab) -> None:
     enter(tab, "#twin")
     misfit = tab.locator("text=spectrum value error")

@@ -1,9 +1,9 @@
-"""The room of diagnoses, and the comparison of recordings."""
+"""The room of diagnoses."""
 
 import re
 
 import pytest
-from explored import HEALTHY, WORN, open_explorer, send, token
+from explored import WORN, open_explorer, send, token
 from plant import Plant
 from starlette.testclient import TestClient
 
@@ -63,33 +63,3 @@ def test_the_shipped_prior_is_adapted_to_the_healthy_recordings(client: TestClie
 
     assert re.search(r"adapted to \d+ healthy recordings", answer.get("model", "")), answer
     assert client.get("/api/diagnosis", params={"name": WORN}).json()["kind"] == "prior"
-
-
-HEALTHY_PAIR = [HEALTHY, HEALTHY.replace("_1.h5", "_2.h5")]
-WORN_PAIR = [WORN, WORN.replace("_1.h5", "_2.h5")]
-
-
-def test_the_features_that_differ_most_between_two_classes_come_first(client: TestClient) -> None:
-    classes = {"first": HEALTHY_PAIR, "second": WORN_PAIR}
-
-    rows = client.get("/api/comparison", params=classes).json()["rows"]
-
-    spreads = [abs(row["spreads"]) for row in rows]
-    assert spreads == sorted(spreads, reverse=True)
-    # a difference of three standard deviations is no chance
-    assert spreads[0] > 3
-
-
-def test_the_order_of_the_classes_decides_the_sign_of_a_change(client: TestClient) -> None:
-    classes = {"first": HEALTHY_PAIR, "second": WORN_PAIR}
-    swapped_classes = {"first": WORN_PAIR, "second": HEALTHY_PAIR}
-
-    change = client.get("/api/comparison", params=classes).json()["rows"][0]["change"]
-    swapped = client.get("/api/comparison", params=swapped_classes).json()["rows"][0]["change"]
-
-    assert swapped == pytest.approx(-change)
-
-
-def test_a_class_without_recordings_cannot_be_compared(client: TestClient) -> None:
-    classes = {"first": HEALTHY_PAIR, "second": []}
-    assert client.get("/api/comparison", params=classes).status_code == 422

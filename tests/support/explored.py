@@ -14,6 +14,17 @@ WORN = "recordings/A_swash_plate_15MPa_1.h5"
 ADDRESS_TOKEN = "token-of-the-address"
 
 
+def read_workspace(source: Path) -> Workspace:
+    """The explorer's view of a source, after every recording was inspected."""
+    workspace = Workspace(source)
+    # the first request for the table starts the inspection in a thread
+    workspace.table(-1)
+    worker = workspace._worker
+    assert worker is not None
+    worker.join()
+    return workspace
+
+
 def open_explorer(workspace: Workspace, model: Path | None = None) -> TestClient:
     """A browser without scripts that was opened with the address of the explorer."""
     explorer = build_explorer(workspace, model, address_token=ADDRESS_TOKEN)

@@ -96,6 +96,7 @@ class Row:
         }
         if self.recording is not None:
             content |= _describe_recording(self.recording)
+        content["healthy"] = is_healthy(content["label"])
         return content
 
 

@@ -16,8 +16,9 @@ const FAINT = "73";
 const CLASS = "class:";
 
 /**
- * A side of the comparison is the name of a recording, several names joined by "|", or "class:" and
- * a class.
+ * A comparison of side B with side A: a change is the value of B minus that of A.
+ *
+ * A side is the name of a recording, several names joined by "|", or "class:" and a class.
  */
 class ComparePage {
   /**
@@ -32,8 +33,9 @@ class ComparePage {
     this.sides = this.firstSides(values);
     this.channel = Number(values.channel ?? 0);
     this.kind = values.kind ?? "amplitude";
-    this.figures = element("div");
-    this.table = element("div");
+    this.controls = element("div", { class: "row tight" });
+    this.results = element("div");
+    this.showControls();
 
     const hint =
       "Select recordings in the table, or select two classes here." +
@@ -41,14 +43,15 @@ class ComparePage {
     place.append(
       element("h1", {}, "Compare"),
       element("p", { class: "soft" }, hint),
-      element("div", { class: "row tight" }, this.controls()),
-      this.figures,
-      this.table,
+      this.controls,
+      this.results,
     );
   }
 
   /**
    * Return both sides: those of the address, or else the first two classes or recordings.
+   *
+   * The healthy side is A unless the address states otherwise: a fault then raises its lines.
    *
    * @param {Record<string, string>} values
    */
@@ -56,9 +59,12 @@ class ComparePage {
     let { a, b } = values;
     const selected = (a ?? "").split("|").filter((name) => state.rows.has(name));
     if (!b && selected.length > 1) {
-      // Several selected recordings: the first against the others.
-      a = selected[0];
-      b = selected.slice(1).join("|");
+      // The healthy ones of several selected recordings, or else the first, against the others.
+      const healthy = selected.filter((name) => state.rows.get(name).healthy);
+      const areMixed = healthy.length > 0 && healthy.length < selected.length;
+      const first = areMixed ? healthy : selected.slice(0, 1);
+      a = first.join("|");
+      b = selected.filter((name) => !first.includes(name)).join("|");
     }
 
     const [firstClass, secondClass] = state.classes;
@@ -67,7 +73,8 @@ class ComparePage {
     return { a, b };
   }
 
-  controls() {
+  /** Show the menus with what is selected now. */
+  showControls() {
     const firstOfB = this.members(this.sides.b)[0];
     const row = this.rows.find(({ name }) => name === firstOfB) ?? this.rows[0];
     /** @type {[number, string][]} */
@@ -85,12 +92,22 @@ class ComparePage {
       ["amplitude", "frequency"],
       ["order", "shaft orders"],
     ];
-    return [
-      this.sideMenu("a", "Compare"),
-      this.sideMenu("b", "with"),
+    this.controls.replaceChildren(
+      this.sideMenu("a", "A"),
+      this.sideMenu("b", "B"),
+      element("button", { onclick: () => this.swapSides() }, "Swap A and B"),
       selectMenu("Channel", channels, this.channel, selectChannel),
       selectMenu("Spectrum over", kinds, this.kind, selectKind),
-    ];
+    );
+  }
+
+  swapSides() {
+    const { a, b } = this.sides;
+    this.sides = { a: b, b: a };
+    this.showControls();
+    // The button is a new one; the keyboard stays on it.
+    this.controls.querySelector("button").focus();
+    this.show();
   }
 
   /**
@@ -107,7 +124,7 @@ class ComparePage {
     /** @type {[string, string][]} */
     const options = sides.map((value) => [value, this.describe(value)]);
     return selectMenu(label, options, side, (value) => {
-      this.sides[key] = value;
+      this.sides = { ...this.sides, [key]: value };
       this.show();
     });
   }
@@ -136,29 +153,35 @@ class ComparePage {
   async show() {
     const { a, b } = this.sides;
     rememberAddress("compare", { a, b, channel: this.channel, kind: this.kind });
-    this.figures.replaceChildren(element("p", { class: "soft" }, "Computing …"));
-    const first = this.members(a);
-    const second = this.members(b);
+
+    // New places: what was requested for other sides arrives in places that are no longer shown.
+    const figures = element("div", {}, element("p", { class: "soft" }, "Computing …"));
+    const table = element("div");
+    this.results.replaceChildren(figures, table);
     await Promise.all([
-      attempt(() => this.showSpectra(first, second), this.figures),
-      attempt(() => this.showRanking(first, second), this.table),
+      attempt(() => this.showSpectra(figures, a, b), figures),
+      attempt(() => this.showRanking(table, a, b), table),
     ]);
   }
 
   /**
-   * @param {string[]} first
-   * @param {string[]} second
+   * @param {HTMLElement} place
+   * @param {string} a
+   * @param {string} b
    */
-  async showSpectra(first, second) {
+  async showSpectra(place, a, b) {
+    const { channel, kind } = this;
+    const first = this.members(a);
+    const second = this.members(b);
     const names = [...first, ...second];
     const faint = names.length > 2 ? FAINT : "";
     const series = [];
     let spectrum = null;
     for (const [n, name] of names.entries()) {
-      const current = await request("spectrum", { name, kind: this.kind });
+      const current = await request("spectrum", { name, kind });
       spectrum ??= current;
       const lines = channelLines(current.channels, current.amplitude, current.step);
-      const line = lines[this.channel];
+      const line = lines[channel];
       if (!line) continue;
       line.name = state.rows.get(name).id;
       line.color = n < first.length ? 0 : 1;
@@ -166,7 +189,7 @@ class ComparePage {
       series.push(line);
     }
 
-    const isOrder = this.kind === "order";
+    const isOrder = kind === "order";
     const end = Math.max(...series.map((line) => line.step * line.values.length));
     const makeChart = (
       /** @type {string} */ title,
@@ -187,27 +210,32 @@ class ComparePage {
         series: lines,
       });
 
-    const titleA = this.describe(this.sides.a);
-    const titleB = this.describe(this.sides.b);
+    const titleA = `A: ${this.describe(a)}`;
+    const titleB = `B: ${this.describe(b)}`;
     const both = makeChart(`${titleA} (blue) and ${titleB} (red)`, series, 300);
     const onlyA = makeChart(titleA, series.slice(0, first.length), 180);
     const onlyB = makeChart(titleB, series.slice(first.length), 180);
     linkViews([both, onlyA, onlyB]);
     const columns = element("div", { class: "columns" }, onlyA.element, onlyB.element);
-    this.figures.replaceChildren(both.element, columns);
+    place.replaceChildren(both.element, columns);
   }
 
   /**
-   * @param {string[]} first
-   * @param {string[]} second
+   * @param {HTMLElement} place
+   * @param {string} a
+   * @param {string} b
    */
-  async showRanking(first, second) {
+  async showRanking(place, a, b) {
+    const first = this.members(a);
+    const second = this.members(b);
     const query = new URLSearchParams();
     for (const name of first) query.append("first", name);
     for (const name of second) query.append("second", name);
     const comparison = await request("comparison", query);
 
-    const change = `Change: ${this.describe(this.sides.b)} minus ${this.describe(this.sides.a)}.`;
+    const titleA = `A (${this.describe(a)})`;
+    const titleB = `B (${this.describe(b)})`;
+    const change = `A positive change means more power in ${titleB} than in ${titleA}.`;
     const spread = comparison.freedom
       ? "Ranked by spreads: the standard deviation within both sides, but at least 1 dB."
       : "With one recording on each side no spread is known; 1 dB is used.";
@@ -225,7 +253,7 @@ class ComparePage {
       comparison.notes.map((/** @type {string} */ text) => element("p", { class: "soft" }, text)),
       element("p", {}, "Open: ", links),
     );
-    this.table.replaceChildren(section);
+    place.replaceChildren(section);
   }
 }
 
@@ -234,7 +262,7 @@ function rankingTable(rows) {
   const headers = [
     element("th", {}, "Band power"),
     element("th", {}, "Channel"),
-    element("th", { class: "number" }, "Change"),
+    element("th", { class: "number" }, "Change, B − A"),
     element("th", { class: "number" }, "Spreads"),
   ];
   const lines = rows.map(({ band, channel, change, spreads }) => {

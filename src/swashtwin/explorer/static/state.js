@@ -86,9 +86,11 @@ export function takeTable(table) {
 
 /** Return the classes of all recordings, the healthy one first. */
 function sortedClasses() {
-  const labels = [...state.rows.values()].map((row) => row.label).filter(Boolean);
-  const isHealthy = (/** @type {string} */ label) => Number(label === "normal");
-  return [...new Set(labels)].sort((a, b) => isHealthy(b) - isHealthy(a) || a.localeCompare(b));
+  const rows = [...state.rows.values()].filter((row) => row.label);
+  const labels = new Set(rows.map((row) => row.label));
+  const healthy = new Set(rows.filter((row) => row.healthy).map((row) => row.label));
+  const isHealthy = (/** @type {string} */ label) => Number(healthy.has(label));
+  return [...labels].sort((a, b) => isHealthy(b) - isHealthy(a) || a.localeCompare(b));
 }
 
 /** Return the rows that were read without error. */

@@ -82,7 +82,7 @@ class TwinPage {
    * @returns {Record<string, any>}
    */
   firstSetting(values) {
-    const healthyRow = this.rows.find((row) => row.label === "normal");
+    const healthyRow = this.rows.find((row) => row.healthy);
     const firstRow = healthyRow ?? this.rows[0];
     return {
       start: this.known.starts[0],

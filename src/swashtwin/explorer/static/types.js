@@ -12,6 +12,7 @@
  * @property {number} revision
  * @property {string} [id]
  * @property {string | null} [label]
+ * @property {boolean} healthy Whether the label states that nothing is wrong.
  * @property {string | null} [specimen]
  * @property {string | null} [file]
  * @property {number | null} [rpm]

@@ -14,6 +14,13 @@ def test_readme_has_at_most_600_words() -> None:
     assert len(README.split()) <= 600
 
 
+def test_each_command_of_the_installation_starts_on_a_fresh_machine() -> None:
+    installation = code_blocks("sh")[0].splitlines()
+    assert len(installation) == 2
+    for command in installation:
+        assert command.startswith("python3 -m venv .venv && .venv/bin/pip install ")
+
+
 def test_the_installation_on_windows_has_the_steps_of_other_systems() -> None:
     unix_steps = []
     for block in code_blocks("sh"):

@@ -19,9 +19,8 @@ def read_workspace(source: Path) -> Workspace:
     workspace = Workspace(source)
     # the first request for the table starts the inspection in a thread
     workspace.table(-1)
-    worker = workspace._worker
-    assert worker is not None
-    worker.join()
+    if (worker := workspace._worker) is not None:
+        worker.join()
     return workspace
 
 

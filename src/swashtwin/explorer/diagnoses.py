@@ -2,12 +2,13 @@
 
 import tempfile
 from collections import OrderedDict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import Body
 
-from swashtwin.explorer.workspace import Name, Workspace
+from swashtwin.explorer.workspace import Name, RecordingVersion, Workspace
 from swashtwin.foundation import InputError, SwashTwinError, plural, to_table
 from swashtwin.pump import is_healthy
 
@@ -37,8 +38,11 @@ class Diagnoses:
 
     def __init__(self, workspace: Workspace, model: Path | None) -> None:
         self._workspace = workspace
-        self._answers: OrderedDict[tuple[str, str], dict[str, Any]] = OrderedDict()
+        self._answers: OrderedDict[RecordingVersion, dict[str, Any]] = OrderedDict()
         self._model: Model | None = None
+        # A prior before it was adapted, and the healthy recordings that it was adapted to.
+        self._prior: PriorClassifier | None = None
+        self._healthy: list[RecordingVersion] = []
         self.name = ""
         if model is not None:
             self._load(model, model.name)
@@ -49,16 +53,34 @@ class Diagnoses:
         model = load_model(path)
         if isinstance(model, PriorClassifier) and not model.specimen:
             healthy = [
-                recording
-                for _, recording in self._workspace.ready_recordings()
+                row_name
+                for row_name, recording in self._workspace.ready_recordings()
                 if recording.label and is_healthy(recording.label)
             ]
-            model = model.fit(healthy)
+            self._adapt(model, healthy)
             name = f"{name}, adapted to {plural(len(healthy), 'healthy recording')} here"
-
-        self._model = model
+        else:
+            self._model = model
+            self._prior = None
         self.name = name
         self._answers.clear()
+
+    def _adapt(self, prior: "PriorClassifier", healthy: Sequence[str]) -> None:
+        """Diagnose with a prior that is adapted to healthy recordings, given by name."""
+        versions = [self._workspace.version(name) for name in healthy]
+        recordings = [self._workspace.recording(name).unloaded() for name in healthy]
+        self._model = prior.fit(recordings)
+        self._prior = prior
+        self._healthy = versions
+        self._answers.clear()
+
+    def _renew_adaptation(self) -> None:
+        """Adapt a prior again if one of its healthy recordings was recorded anew."""
+        if self._prior is None:
+            return
+        names = [version.name for version in self._healthy]
+        if self._healthy != [self._workspace.version(name) for name in names]:
+            self._adapt(self._prior, names)
 
     def model(self) -> dict[str, Any]:
         """Return the model's name."""
@@ -89,6 +111,7 @@ class Diagnoses:
 
     def diagnosis(self, name: Name) -> dict[str, Any]:
         """Return the verdict on a recording, its uncertainty, and its evidence."""
+        self._renew_adaptation()
         if self._model is None:
             raise InputError(
                 "There is no model yet.",
@@ -96,8 +119,7 @@ class Diagnoses:
                 remedy="Drop one on the page, or start with {model='MODEL'}.",
             )
 
-        # A changed fact, such as the sensitivity, changes the verdict.
-        key = name, repr(self._workspace.rows[name].specified)
+        key = self._workspace.version(name)
         if key not in self._answers:
             recording = self._workspace.recording(name)
             self._answers[key] = self._diagnose(self._model, recording)

@@ -10,7 +10,7 @@ from fastapi import Query
 from jaxtyping import Float
 from starlette.responses import Response
 
-from swashtwin.explorer.workspace import BIN, Name, Workspace, rms_track
+from swashtwin.explorer.workspace import BIN, Name, RecordingVersion, Workspace, rms_track
 from swashtwin.foundation import DataError, InputError, SwashTwinError
 from swashtwin.recordings import Recording, specified_shaft_frequency
 from swashtwin.signals import (
@@ -63,10 +63,8 @@ Names = Annotated[list[str], Query(max_length=50)]
 class SpectrumKey(NamedTuple):
     """What a spectrum is cached by."""
 
-    name: str
-    """Recording."""
-    facts: str
-    """Its specified facts, since they change the spectrum."""
+    recording: RecordingVersion
+    """Facts and file of the recording."""
     kind: LineSpectrumKind
     """Kind of spectrum."""
     band: tuple[float, float] | None
@@ -89,7 +87,7 @@ class RecordingViews:
         self, key: SpectrumKey
     ) -> tuple[LineSpectrum, float, Float[np.ndarray, "channel line"]]:
         """Return a spectrum, and its amplitudes at multiples of a step, which is returned too."""
-        recording = self._workspace.recording(key.name)
+        recording = self._workspace.recording(key.recording.name)
         step = max(
             MIN_RESOLUTION_HZ,
             recording.sample_rate / 2 / MAX_LINES,
@@ -114,9 +112,7 @@ class RecordingViews:
     def _key(
         self, name: str, kind: LineSpectrumKind, band: tuple[float, float] | None = None
     ) -> SpectrumKey:
-        row = self._workspace.rows.get(name)
-        facts = "" if row is None else repr(row.specified)
-        return SpectrumKey(name, facts, kind, band)
+        return SpectrumKey(self._workspace.version(name), kind, band)
 
     def spectrum(
         self,

@@ -10,7 +10,7 @@ import numpy as np
 from fastapi import Body
 
 from swashtwin.explorer.calibration_job import CalibrationJob
-from swashtwin.explorer.workspace import Name, Workspace
+from swashtwin.explorer.workspace import Name, RecordingVersion, Workspace
 from swashtwin.foundation import (
     DataError,
     FileStamp,
@@ -157,7 +157,7 @@ class TwinWorkbench:
         if setting.fault != "start":
             fault = _make_fault(setting)
 
-        key = setting.start, id(start.calibration), condition, fault
+        key = start.twin, condition, fault
         if self._base_twin is None or self._base_twin[0] != key:
             self._base_twin = key, replace(start.twin, condition=condition, fault=fault)
         base_twin = self._base_twin[1]
@@ -214,10 +214,9 @@ class TwinWorkbench:
             lines: LineKind = "piston"
             if is_shaft_line.any():
                 lines = "shaft"
-            facts = repr(self._workspace.rows[setting.recording].specified)
-            return self._measured_lines(
-                setting.recording, facts, setting.start, setting.fault, lines
-            )
+            version = self._workspace.version(setting.recording)
+            start = self._start(setting.start)
+            return self._measured_lines(version, start.twin, setting.fault, lines)
         if calibration is None:
             return None
 
@@ -225,12 +224,9 @@ class TwinWorkbench:
         return MeasuredLines(spectra.channels, spectra.orders, spectra.measured, spectra.deviation)
 
     def _measure(
-        self, name: str, _: str, start: str, fault: str, lines: LineKind
+        self, version: RecordingVersion, twin: "Twin", fault: str, lines: LineKind
     ) -> "MeasuredLines":
-        """Measure the lines of a recording as if it were of the twin's class.
-
-        The second argument, the recording's facts, only renews the cached result when they change.
-        """
+        """Measure the lines of a recording as if it were of the twin's class."""
         from swashtwin.calibration import (
             DEFAULT_BAND,
             MeasuredLines,
@@ -238,13 +234,13 @@ class TwinWorkbench:
             measure,
         )
 
-        twin = self._start(start).twin
-        recording = self._workspace.recording(name)
+        recording = self._workspace.recording(version.name)
         recording = assign_single_channels([recording], twin.pump)[0][0]
         assumed_fault = twin.fault
         if fault != "start":
             assumed_fault = FAULT_KINDS.get(fault)
-        twin = replace(twin, condition=_require_condition(name, recording), fault=assumed_fault)
+        condition = _require_condition(version.name, recording)
+        twin = replace(twin, condition=condition, fault=assumed_fault)
 
         labeled = recording.replace(label=twin.label)
         measurement = measure(twin, [labeled], DEFAULT_BAND, lines)

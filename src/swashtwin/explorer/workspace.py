@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from fastapi import Query
@@ -61,6 +61,17 @@ _SPEED_TOLERANCE = 0.03
 _PRESSURE_TOLERANCE = 0.06
 
 
+class RecordingVersion(NamedTuple):
+    """What every result of a recording is cached by."""
+
+    name: str
+    """Name of its row."""
+    facts: str
+    """Facts that the index specifies."""
+    stamp: FileStamp | None
+    """Stamp of its file."""
+
+
 @dataclass
 class Row:
     """One recording of the table."""
@@ -71,6 +82,8 @@ class Row:
     """Facts that the index specifies."""
     entry: Entry | None = None
     """The same facts, parsed."""
+    stamp: FileStamp | None = None
+    """Stamp of its file when it was last looked at; `None` if there was no file."""
     recording: Recording | None = None
     """The recording, its samples in the file; `None` until it is opened, or if it cannot be."""
     state: str = "waiting"
@@ -81,6 +94,11 @@ class Row:
     """Root mean square over all channels, along the recording."""
     revision: int = 0
     """Number of its last change."""
+
+    @property
+    def version(self) -> RecordingVersion:
+        """Facts and file of the recording, as they were last looked at."""
+        return RecordingVersion(self.name, repr(self.specified), self.stamp)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the row as the page shows it."""
@@ -93,6 +111,7 @@ class Row:
             "label": self.specified.get("label"),
             "specimen": self.specified.get("specimen"),
             "file": self.specified.get("file"),
+            "stamp": repr(self.stamp),
         }
         if self.recording is not None:
             content |= _describe_recording(self.recording)
@@ -143,18 +162,18 @@ class Workspace:
         self.questions: dict[str, str] = {}
         self.revision = 0
         self._proposed: dict[str, Any] | None = None
-        self._index_stamp: FileStamp | None = None
+        # Of the index, or of the source if it has none.
+        self._stamp: FileStamp | None = None
         self._lock = threading.RLock()
-        self._opened: OrderedDict[str, Recording] = OrderedDict()
-        self._extremes: OrderedDict[str, Float32[np.ndarray, "channel bin 2"]] = OrderedDict()
+        self._opened: OrderedDict[RecordingVersion, Recording] = OrderedDict()
+        self._extremes: OrderedDict[RecordingVersion, Float32[np.ndarray, "channel bin 2"]] = (
+            OrderedDict()
+        )
         self._worker: threading.Thread | None = None
         self._is_shown = False
 
         if self.index is None:
-            recordings = load_recordings(source)
-            self._replace_rows(
-                [Row(recording.recording_id, recording=recording) for recording in recordings]
-            )
+            self.refresh()
         elif source.is_dir() and not self.index.is_file():
             self.propose({})
         elif self.calibration is None or self.index.is_file():
@@ -193,15 +212,58 @@ class Workspace:
         self._replace_table(self._proposed)
 
     def refresh(self) -> None:
-        """Read the index again if its file changed."""
-        if self.index is None or not self.index.is_file():
+        """Read again what has changed: the index, a store, and files of recordings.
+
+        Raises
+        ------
+        DataError
+            The index or the store cannot be read any more.
+        """
+        with self._lock:
+            if self.index is None:
+                self._refresh_store()
+                return
+
+            if self.index.is_file():
+                stamp = file_stamp(self.index)
+                if stamp != self._stamp:
+                    self._replace_table(read_index(self.index))
+                    self._stamp = stamp
+            for row in self.rows.values():
+                self._renew(row)
+
+    def _refresh_store(self) -> None:
+        """Read the recordings of a source without an index again if its file changed."""
+        stamp = file_stamp(self.source)
+        if stamp != self._stamp:
+            recordings = load_recordings(self.source)
+            self._replace_rows(
+                [Row(recording.recording_id, recording=recording) for recording in recordings]
+            )
+            self._stamp = stamp
+
+    def _renew(self, row: Row) -> None:
+        """Let a recording of the index be read again if its file was recorded anew."""
+        stamp = self._file_stamp(row)
+        if row.entry is None or stamp == row.stamp:
             return
 
-        with self._lock:
-            stamp = file_stamp(self.index)
-            if stamp != self._index_stamp:
-                self._replace_table(read_index(self.index))
-                self._index_stamp = stamp
+        row.stamp = stamp
+        row.recording = None
+        row.state = "waiting"
+        self.revision += 1
+        row.revision = self.revision
+        self._start_worker()
+
+    def _file_stamp(self, row: Row) -> FileStamp | None:
+        """Return the stamp of a recording's file; `None` if there is no such file."""
+        path = self.source
+        if row.entry is not None:
+            path = resolve_index_path(self._root, row.entry.file)
+        try:
+            return file_stamp(path)
+        except (SwashTwinError, OSError):
+            return None
 
     def _replace_table(self, table: Mapping[str, Any]) -> None:
         defaults = table.get("defaults", {})
@@ -212,6 +274,7 @@ class Workspace:
         """Replace all rows; one whose facts are the same stays as it is, with its recording."""
         with self._lock:
             previous_rows = self.rows
+            self._root = resolve_index_path(self.folder, root)
             self.rows = {row.name: row for row in rows}
             self.revision += 1
             for name, row in self.rows.items():
@@ -225,10 +288,7 @@ class Workspace:
                 if previous_row is not None and is_unchanged:
                     self.rows[name] = previous_row
                 else:
-                    self._opened.pop(name, None)
-                    self._extremes.pop(name, None)
-
-            self._root = resolve_index_path(self.folder, root)
+                    row.stamp = self._file_stamp(row)
             self._start_worker()
 
     def _start_worker(self) -> None:
@@ -250,13 +310,14 @@ class Workspace:
         findings = self._compare_recordings()
         with self._lock:
             self.findings = findings
+            self._worker = None
             # Rows may have changed while they were compared.
             if self.revision > revision:
-                self._worker = None
                 self._start_worker()
             self.revision += 1
 
     def _inspect(self, row: Row) -> None:
+        version = row.version
         recording = row.recording
         rms: list[float] = []
         try:
@@ -270,6 +331,8 @@ class Workspace:
             state = "broken"
 
         with self._lock:
+            if row.version != version:
+                return  # recorded anew meanwhile; it waits for its next inspection
             row.findings = findings
             row.rms = rms
             row.state = state
@@ -309,7 +372,7 @@ class Workspace:
                 "source": str(self.source),
                 "questions": self.questions,
                 "editable": is_editable,
-                "unwritten": is_editable and self._index_stamp is None,
+                "unwritten": is_editable and self._stamp is None,
             }
             # The first table is sent before the inspection starts, so that it appears at once.
             if not self._is_shown:
@@ -324,23 +387,35 @@ class Workspace:
         change_facts(self.index, changes, proposed=self._proposed, undo=undo)
         self.refresh()
 
-    def recording(self, name: str) -> Recording:
-        """Return an open recording by the name of its row; the last few stay open."""
+    def version(self, name: str) -> RecordingVersion:
+        """Return facts and file of a recording as they are now."""
+        return self._row(name).version
+
+    def _row(self, name: str) -> Row:
+        """Return a row by its name; its recording is opened again if its file has changed."""
         with self._lock:
+            if self.index is None:
+                self._refresh_store()
             row = self.rows.get(name)
             if row is None:
                 raise InputError(f"There is no recording {name[:200]!r}.")
-            if name in self._opened:
-                self._opened.move_to_end(name)
-                return self._opened[name]
+            self._renew(row)
+            return row
+
+    def recording(self, name: str) -> Recording:
+        """Return an open recording by the name of its row; the last few stay open."""
+        with self._lock:
+            row = self._row(name)
+            version = row.version
+            recording = row.recording
+            if version in self._opened:
+                self._opened.move_to_end(version)
+                return self._opened[version]
 
         # Read without the lock: a large file must not hold up other requests.
-        if row.recording is None:
-            recording = self._open_entry(row)
-        else:
-            recording = row.recording.unloaded()
+        recording = self._open_entry(row) if recording is None else recording.unloaded()
         with self._lock:
-            self._opened[name] = recording
+            self._opened[version] = recording
             while len(self._opened) > _MAX_CACHED_RECORDINGS:
                 self._opened.popitem(last=False)
         return recording
@@ -381,8 +456,9 @@ class Workspace:
         self, name: str, recording: Recording
     ) -> Float32[np.ndarray, "channel bin 2"]:
         """Return the extremes of all bins of `BIN` samples; the last few recordings' are kept."""
+        version = self.version(name)
         with self._lock:
-            extremes = self._extremes.get(name)
+            extremes = self._extremes.get(version)
         if extremes is not None:
             return extremes
 
@@ -394,7 +470,7 @@ class Workspace:
         extremes = np.concatenate(blocks, axis=1)
 
         with self._lock:
-            self._extremes[name] = extremes
+            self._extremes[version] = extremes
             while len(self._extremes) > _MAX_CACHED_RECORDINGS:
                 self._extremes.popitem(last=False)
         return extremes

@@ -123,8 +123,9 @@ class RecordingPage {
 
     this.addHead(place);
     this.showFacts();
-    this.hasSamples = Boolean(row.samples);
-    if (this.hasSamples) {
+    /** File that the figures are of. */
+    this.shownStamp = row.samples ? row.stamp : null;
+    if (row.samples) {
       this.tiles = new Tiles(row, () => this.wave?.request());
       this.addFigures(place);
       this.refresh();
@@ -294,8 +295,8 @@ class RecordingPage {
 
   update() {
     this.showFacts();
-    // A recording that could not be read before may be readable after its facts were changed.
-    if (!this.hasSamples && this.row.samples) location.reload();
+    // It was recorded anew, or can be read after its facts were changed.
+    if (this.row.samples && this.row.stamp !== this.shownStamp) location.reload();
   }
 
   async proposeSpeed() {
@@ -551,7 +552,7 @@ class RecordingPage {
   }
 
   toggleSound() {
-    if (!this.hasSamples) return;
+    if (!this.shownStamp) return;
     if (this.sound.isPlaying) {
       this.sound.stop();
       return;

@@ -10,6 +10,7 @@
  * @property {number[]} rms Root mean square along the recording.
  * @property {Record<string, any>} specified Facts that the index specifies.
  * @property {number} revision
+ * @property {string} stamp Stamp of its file, which is another one after it was recorded anew.
  * @property {string} [id]
  * @property {string | null} [label]
  * @property {boolean} healthy Whether the label states that nothing is wrong.

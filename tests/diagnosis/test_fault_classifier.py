@@ -286,6 +286,21 @@ def test_a_loaded_classifier_has_the_parameters_and_answers_of_the_saved_one(tmp
     assert clone(loaded).get_params() == loaded.get_params()
 
 
+@pytest.mark.parametrize("kind", ["specimen", "mill", "by id"])
+def test_a_loaded_classifier_keeps_its_group(kind, tmp_path):
+    train = [
+        replace(recording, specimen=f"P{number}", attributes={"mill": f"m{number}"})
+        for number, recording in enumerate(recordings("train"))
+    ]
+    by_id = {recording.recording_id: f"day {number}" for number, recording in enumerate(train)}
+    group = by_id if kind == "by id" else kind
+    classifier = FaultClassifier(**SMALL, group=group).fit(train)
+    loaded = FaultClassifier.load(classifier.save(tmp_path / "pump.safetensors"))
+
+    assert loaded.group == group
+    assert clone(loaded).group == group
+
+
 @pytest.mark.wrong_types
 @pytest.mark.parametrize(
     ("parameters", "message"),

@@ -14,7 +14,7 @@ import numpy as np
 from swashtwin.learning import FittedClassifier, cross_fitted_confidence
 
 Change = Callable[[dict[str, Any]], object]
-VERSION = 10
+VERSION = 11
 """Of the files of saved models."""
 
 _PATHS: tuple[tuple[str, ...], ...] = (

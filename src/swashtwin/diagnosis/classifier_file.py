@@ -1,5 +1,6 @@
 """A fitted classifier as a file: an artifact whose card names the network and holds its weights."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from swashtwin.learning import (
 
 KIND = "classifier"
 """Kind of the artifact."""
-_VERSION = 10
+_VERSION = 11
 _MAY_BE_NAN = (
     "training_reference.condition",
     "recordings.healthy.condition",
@@ -54,10 +55,11 @@ class _Network:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Card(TrainedState):
-    """A `FittedClassifier` with its network by name, and its pump prior."""
+    """A `FittedClassifier` with its network by name, and what a `FaultClassifier` adds."""
 
     network: _Network
     resemblance: Resemblance | None
+    group: str | dict[str, str]
 
 
 def _fields_but_network(state: TrainedState) -> dict[str, Any]:
@@ -70,13 +72,17 @@ def _fields_but_network(state: TrainedState) -> dict[str, Any]:
 
 
 def save_classifier(
-    classifier: FittedClassifier, path: Path | str, resemblance: Resemblance | None = None
+    classifier: FittedClassifier,
+    path: Path | str,
+    resemblance: Resemblance | None = None,
+    group: str | Mapping[str, str] = "recording",
 ) -> Path:
     """Write a classifier to `path` as a complete file and return the path.
 
     Parameters
     ----------
     resemblance : the pump prior for faults that the classifier was not trained on.
+    group : what its splits kept whole (`FaultClassifier`).
 
     Raises
     ------
@@ -94,9 +100,17 @@ def save_classifier(
     card = _Card(
         network=_Network(network.name, network.settings, network.weights),
         resemblance=resemblance,
+        group=_saved_group(group),
         **_fields_but_network(classifier),
     )
     return save_artifact(path, KIND, _VERSION, card, may_be_nan=_MAY_BE_NAN)
+
+
+def _saved_group(group: str | Mapping[str, str]) -> str | dict[str, str]:
+    """Return what splits keep whole, as text or as texts by recording id."""
+    if isinstance(group, str):
+        return group
+    return {str(recording_id): str(name) for recording_id, name in group.items()}
 
 
 def load_classifier(path: Path | str) -> FittedClassifier:
@@ -104,12 +118,13 @@ def load_classifier(path: Path | str) -> FittedClassifier:
 
     Errors: see `load_model`.
     """
-    classifier, _ = load_classifier_and_prior(path)
-    return classifier
+    return load_classifier_parts(path)[0]
 
 
-def load_classifier_and_prior(path: Path | str) -> tuple[FittedClassifier, Resemblance | None]:
-    """Return the classifier and the pump prior that `save_classifier` wrote.
+def load_classifier_parts(
+    path: Path | str,
+) -> tuple[FittedClassifier, Resemblance | None, str | dict[str, str]]:
+    """Return the classifier, the pump prior and the group that `save_classifier` wrote.
 
     Errors: see `load_model`.
     """
@@ -128,7 +143,7 @@ def load_classifier_and_prior(path: Path | str) -> tuple[FittedClassifier, Resem
         _require_plausible_settings(card.network, card.layout.length)
         network = rebuild_network(name, card.network.settings, card.network.weights)
         classifier = FittedClassifier(network=network, **_fields_but_network(card))
-        return classifier, card.resemblance
+        return classifier, card.resemblance, card.group
 
 
 def _require_plausible_settings(network: _Network, window_length: int) -> None:

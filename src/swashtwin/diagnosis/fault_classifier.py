@@ -10,7 +10,7 @@ import numpy as np
 
 # Through the room, whose door imports a training function only when it is called.
 import swashtwin.learning as learning
-from swashtwin.diagnosis.classifier_file import load_classifier_and_prior, save_classifier
+from swashtwin.diagnosis.classifier_file import load_classifier_parts, save_classifier
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.reasons import describe_single_machine_faults
@@ -356,7 +356,7 @@ class FaultClassifier(Estimator):
             Its network is not registered.
         """
         self._require_fitted()
-        return save_classifier(self.fitted_, path, self.resemblance_)
+        return save_classifier(self.fitted_, path, self.resemblance_, self.group)
 
     @classmethod
     def load(cls, path: Path | str) -> "FaultClassifier":
@@ -364,13 +364,14 @@ class FaultClassifier(Estimator):
 
         Errors: see `load_model`.
         """
-        fitted, resemblance = load_classifier_and_prior(path)
+        fitted, resemblance, group = load_classifier_parts(path)
         was_selected = fitted.choice is not None
         parameters = {} if was_selected else _network_parameters(fitted)
 
         classifier = cls(
             **parameters,
             window=fitted.layout.length,
+            group=group,
             fault_of=dict(fitted.fault_of) or None,
             sample_rate=fitted.layout.sample_rate,
             seed=fitted.seed,

@@ -181,6 +181,9 @@ def _verdict_row(verdict: "Diagnosis") -> tuple[object, ...]:
         return verdict.recording_id, verdict.verdict, *(None, "", "")[:n_empty]
 
     probability = verdict.probabilities[verdict.label]
+    if verdict.kind == "prior" and len(verdict.candidates) > 1:
+        names = " or ".join(map(format_label, verdict.candidates))
+        return verdict.recording_id, f"not certain: {names}", probability
     row = (verdict.recording_id, format_label(verdict.label), probability)
     if verdict.kind == "prior":
         return row

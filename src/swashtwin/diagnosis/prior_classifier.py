@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Float64, Int, Int64, Shaped
 
 from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
 from swashtwin.diagnosis.prior_head import (
+    MIN_LINE_CHANGE,
     UNKNOWN_RATE,
     PriorHead,
     VirtualChanges,
@@ -364,7 +365,7 @@ class PriorClassifier:
         """Return the likeliest class of a recording; no verdict if it cannot be compared.
 
         It is unknown if at most `UNKNOWN_RATE` of the virtual recordings fit the classes as badly,
-        or if only the noise floor changed.
+        or if its lines changed little.
 
         Raises
         ------
@@ -394,6 +395,7 @@ class PriorClassifier:
         label_text = label.replace("_", " ")
         p_value = head.p_value(float(probability[-1]))
         is_last_class = probability.argmax() == len(self.classes) - 1
+        line_change = head.line_change(change, self.bands)
 
         reasons: tuple[str, ...] = ()
         if p_value <= UNKNOWN_RATE or is_last_class:
@@ -403,10 +405,11 @@ class PriorClassifier:
                 f"resembles {label_text} most."
             )
             reasons = (reason,)
-        elif label != self.classes[0] and not head.have_lines_changed(change, self.bands):
+        elif label != self.classes[0] and line_change <= MIN_LINE_CHANGE:
             reason = (
-                f"Only the noise floor changed, and no line, so {label_text} would be a guess: any "
-                "fault, cavitation or a neighboring machine may raise the floor."
+                f"The lines changed by {line_change:.2g} healthy standard deviations on average "
+                f"({MIN_LINE_CHANGE:g} are needed to name a fault), so {label_text} would be a "
+                "guess: any fault, cavitation or a neighboring machine may change the rest."
             )
             reasons = (reason,)
 

@@ -35,8 +35,8 @@ likelihood is flat from 1.1 to 1.6."""
 UNKNOWN_RATE = 0.05
 """Share of virtual recordings of the prior's own classes that are called unknown."""
 MIN_LINE_CHANGE = 1.5
-"""Root mean square of the lines' changes, in healthy scatters, up to which only the noise floor
-counts as changed."""
+"""Root mean square of the lines' changes, in healthy standard deviations, from which on a fault is
+named: with less, most of the change is that of the noise floor."""
 FEW_SHOT_WEIGHT = 30.0
 """Weight of a measured fault, where a virtual recording of a fault has 1."""
 
@@ -198,13 +198,11 @@ class PriorHead:
         shares = np.exp(logits - logits.max(axis=-1, keepdims=True))
         return np.asarray(shares / shares.sum(axis=-1, keepdims=True))
 
-    def have_lines_changed(
-        self, change: Float[np.ndarray, "channel level"], bands: OrderBands
-    ) -> bool:
-        """Whether lines changed more than between healthy recordings, and not the floor alone."""
+    def line_change(self, change: Float[np.ndarray, "channel level"], bands: OrderBands) -> float:
+        """Return the root mean square of the lines' changes, in healthy standard deviations."""
         lines = _line_changes(change[None], bands)
         scaled = _divide_by_scatter(lines, self.line_scale)[0, self.line_scale > 0]
-        return bool(np.mean(scaled**2) > MIN_LINE_CHANGE**2)
+        return float(np.sqrt(np.mean(scaled**2)))
 
     def p_value(self, probability: float) -> float:
         """Return the p-value of belonging to one of the classes.

@@ -10,7 +10,7 @@ from jaxtyping import Float, Float64
 
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.recording_arguments import as_recordings, relabel_recordings
-from swashtwin.diagnosis.verdict import Diagnosis
+from swashtwin.diagnosis.verdict import MIN_CERTAIN_PROBABILITY, Diagnosis
 from swashtwin.foundation import DataError, InputError, plural, propose_setting
 from swashtwin.learning import WindowSet
 from swashtwin.pump import is_healthy
@@ -19,9 +19,6 @@ from swashtwin.recordings import Recording
 MIN_RECORDINGS = 9
 """Minimum number of training recordings: with 9, the smallest conformal p-value is 0.1, which is
 the default error rate."""
-MIN_CERTAIN_PROBABILITY = 0.8
-"""Probability of the only class in the prediction set from which the classifier overrules the
-prior; selected on fleets 100 and 101 of version 2 of the rig."""
 MIN_LIKELY_PROBABILITY = 0.5
 """Probability of a fault from which the reasons of an unknown recording mention it."""
 NO_CONFIDENCE_NOTE = (

@@ -21,6 +21,10 @@ from swashtwin.signals import BandPower
 # Fields that pages draw, and that `Diagnosis.to_dict` leaves out.
 _PAGE_FIELDS = ("facts", "fault_of", "choice", "deviation", "band_powers", "spectrum")
 
+MIN_CERTAIN_PROBABILITY = 0.8
+"""Probability from which one class suffices: of a prior's answer, and of the only class in a
+prediction set to overrule a prior; selected on fleets 100 and 101 of version 2 of the rig."""
+
 # Changes in the sentence of an alarm.
 _MAX_NAMED_CHANGES = 3
 
@@ -120,6 +124,28 @@ class Diagnosis:
         return self.unknown or not is_healthy(self.label)
 
     @property
+    def candidates(self) -> tuple[str, ...]:
+        """Classes between which the verdict leaves the choice, likeliest first; one if it is
+        certain.
+
+        They are the prediction set, or of a prior the likeliest classes that together have a
+        probability of `MIN_CERTAIN_PROBABILITY`; else `label`.
+        """
+        if self.prediction_set:
+            return self.prediction_set
+        if self.label is None or self.kind != "prior":
+            return () if self.label is None else (self.label,)
+
+        others = [name for name in self.probabilities if name != self.label]
+        others.sort(key=self.probabilities.__getitem__, reverse=True)
+        candidates = [self.label]
+        total = self.probabilities[self.label]
+        while total < MIN_CERTAIN_PROBABILITY and others:
+            candidates.append(others.pop(0))
+            total += self.probabilities[candidates[-1]]
+        return tuple(candidates)
+
+    @property
     def n_windows(self) -> int:
         """Number of windows of the recording."""
         return len(self.window_labels)
@@ -143,6 +169,9 @@ class Diagnosis:
         if self.error_rate is None:
             ranked = sorted(self.probabilities.items(), key=lambda entry: -entry[1])
             probabilities = ", ".join(f"{name} {value:.3f}" for name, value in ranked)
+            if len(self.candidates) > 1:
+                names = " or ".join(name.replace("_", " ") for name in self.candidates)
+                return f"Not certain: {names} ({probabilities})."
             return f"{self.label} ({probabilities})."
 
         rate = f"{100 * self.error_rate:.3g} %"

@@ -131,10 +131,7 @@ class Diagnoses:
         from swashtwin.diagnosis import next_checks
 
         verdict = model.diagnose(recording)
-        labels = list(verdict.prediction_set[:2])
-        if not labels and verdict.label:
-            labels = [verdict.label]
-
+        labels = verdict.candidates[:2]
         spectrum_sentence = ""
         if verdict.spectrum is not None:
             spectrum_sentence = verdict.spectrum.sentence()

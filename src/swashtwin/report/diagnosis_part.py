@@ -87,8 +87,7 @@ def build_diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     if diagnosis.error_rate is not None:
         confidence = diagnosis.sentence()
     notes = tuple(note for note in diagnosis.notes if note not in confidence)
-    candidates = diagnosis.prediction_set or (diagnosis.label,)
-    labels = tuple(diagnosis.fault_of.get(name, name) for name in candidates)
+    labels = tuple(diagnosis.fault_of.get(name, name) for name in diagnosis.candidates)
     checks = next_checks(*labels, unknown=diagnosis.unknown)[:_MAX_CHECKS]
     marked_labels = labels[:1]
     if diagnosis.unknown or is_healthy(diagnosis.label):
@@ -191,8 +190,8 @@ def _describe_verdict(diagnosis: Diagnosis) -> tuple[str, Tone]:
         return "Unknown: like a fault outside the trained classes", "unsure"
     if diagnosis.unknown:
         return "Unknown: unlike the recordings of the training", "unsure"
-    if len(diagnosis.prediction_set) > 1:
-        return f"Not certain: {' or '.join(map(format_label, diagnosis.prediction_set))}", "unsure"
+    if len(diagnosis.candidates) > 1:
+        return f"Not certain: {' or '.join(map(format_label, diagnosis.candidates))}", "unsure"
     if is_healthy(diagnosis.label):
         return "No fault found", "good"
     return f"Suspected fault: {format_label(diagnosis.label)}", "bad"

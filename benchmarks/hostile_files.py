@@ -309,7 +309,9 @@ def outcome_of_lie(
 
 FACTORS = {"g": 9.80665, "m/s^2": 1.0, "mm/s^2": 1e-3, "mg": 9.80665e-3, "Pa": 1.0, "V": 1.0}
 """What one of each unit is in the unit that a reader gives."""
-_JUNK = ("bananas", "", "\x1b[31mg", "=1+1", "g" * 500, "none")
+_UNKNOWN_UNITS = ("bananas", "\x1b[31mg", "=1+1", "g" * 500)
+"""Units that a reader does not know: a column in one of them is left out beside accelerations."""
+_JUNK = (*_UNKNOWN_UNITS, "", "none")
 _RATES = (25600.0, 12800.0, 51200 / 3, 1000.0)
 _ABSURD = (0.0, -25600.0, float("nan"), float("inf"), 1e12, 1e-9, None)
 _NAMES = (
@@ -348,7 +350,7 @@ class Case:
         if (
             vibration
             and len(vibration) < len(self.units)
-            and all(unit in FACTORS for unit in self.units)
+            and all(unit in FACTORS or unit in _UNKNOWN_UNITS for unit in self.units)
         ):
             columns = (self.names, self.values, self.rates, self.units)
             return Case(*([column[number] for number in vibration] for column in columns)).truth()  # type: ignore[arg-type]

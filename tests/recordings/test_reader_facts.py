@@ -46,16 +46,24 @@ def test_only_accelerations_are_converted_to_si(
 
 
 # A logger writes temperature and pressure beside the vibration.
-@pytest.mark.parametrize("heading", ["Temp [°C]", "oil_temperature", "Druck", "PT1 [bar]"])
+@pytest.mark.parametrize(
+    ("heading", "note"),
+    [
+        ("Temp [°C]", "Temp (in degC)"),
+        ("oil_temperature", "oil_temperature (a temperature)"),
+        ("Druck", "Druck (a pressure)"),
+        ("PT1 [bar]", "PT1 (in bar)"),
+    ],
+)
 def test_a_unit_of_acceleration_applies_to_no_temperature_or_pressure(
-    heading: str, tmp_path: Path
+    heading: str, note: str, tmp_path: Path
 ) -> None:
     (tmp_path / "a.csv").write_text(f"x,y,{heading}\n1.5,2.5,40\n3.5,4.5,41\n2.5,3.5,42\n")
 
     loaded = load_recording(tmp_path / "a.csv", sample_rate="1 kHz", unit="g")
 
     assert loaded.channels == ("x", "y")
-    assert loaded.attributes["other_columns"] == heading.partition(" [")[0]
+    assert loaded.attributes["other_columns"] == note
 
 
 # ---- sensitivities

@@ -127,7 +127,9 @@ def _pint_unit(text: str) -> "Unit | None":
     if not _UNIT.fullmatch(text):
         return None
     try:
-        return _registry().parse_units(text)
+        unit = _registry().parse_units(text)
+        _ = unit.dimensionality  # of Pa/dB, pint finds out only here that it is not a unit
+        return unit
     except (
         pint.errors.PintError,
         ValueError,
@@ -189,8 +191,8 @@ def is_unit(text: str) -> bool:
 
     Examples
     --------
-    >>> is_unit("m/s^2"), is_unit("gg")
-    (True, False)
+    >>> is_unit("m/s^2"), is_unit("gg"), is_unit("Pa/dB")
+    (True, False, False)
     """
     text = _spell_unit(text)
     return text in _COMMON or _pint_unit(text) is not None

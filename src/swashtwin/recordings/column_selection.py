@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 
 from swashtwin.foundation import DataError, parse_quantity
+from swashtwin.recordings.column_roles import vibration_columns
 from swashtwin.recordings.columns import Column
 from swashtwin.recordings.entry import Entry
 from swashtwin.recordings.formats.raw_file import RawFile
-from swashtwin.recordings.scaling import vibration_columns
 
 # Relative difference up to which a specified rate agrees with that of the file.
 _RATE_TOLERANCE = 1e-3
@@ -26,11 +26,12 @@ def select_columns(raw: RawFile, entry: Entry, source_name: str) -> dict[str, Co
     Raises
     ------
     DataError
-        A channel does not exist, or the channels differ in rate, start or length.
+        A channel does not exist, it cannot be decided which columns are channels, or these differ
+        in rate, start or length.
     """
     channels: Sequence[str | int] | None = entry.channels
     if channels is None:
-        channels = vibration_columns(raw, entry)
+        channels = vibration_columns(raw, entry, source_name)
 
     columns: dict[str, Column] = {}
     for channel in channels:

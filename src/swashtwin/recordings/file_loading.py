@@ -18,6 +18,7 @@ from swashtwin.foundation import (
     sha256_of,
 )
 from swashtwin.pump import OperatingCondition
+from swashtwin.recordings.column_roles import describe_excluded
 from swashtwin.recordings.column_selection import resolve_sample_rate, select_columns
 from swashtwin.recordings.columns import Column
 from swashtwin.recordings.entry import CONDITION_FIELDS, QUANTITIES, Entry
@@ -139,9 +140,8 @@ def _collect_attributes(
     if contradictions:
         attributes["contradicted"] = contradictions
     if entry.channels is None:
-        other_columns = [name for name in raw.columns if name not in selected]
-        if other_columns:
-            attributes["other_columns"] = ", ".join(other_columns)
+        excluded = [name for name in raw.columns if name not in selected]
+        attributes.update(describe_excluded(raw, entry, excluded))
     return attributes
 
 

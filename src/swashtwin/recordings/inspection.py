@@ -7,6 +7,7 @@ from typing import Any
 from swashtwin.foundation import Spelling, plural, spell_for_index
 from swashtwin.recordings.channel_checks import check_channels, find_unusable
 from swashtwin.recordings.channel_statistics import ChannelStatistics, compute_channel_statistics
+from swashtwin.recordings.column_roles import EXCLUDED_COLUMNS
 from swashtwin.recordings.dataset_checks import (
     class_size_findings,
     duplicate_findings,
@@ -41,7 +42,7 @@ _ATTRIBUTE_NOTES = (
         "the specified sample rate counts: these times were written in batches, and nothing is "
         "lost: ",
     ),
-    ("other_columns", "left_out", "columns of other quantities than vibration were skipped: "),
+    *((key, "left_out", f"{text} were skipped: ") for key, text in EXCLUDED_COLUMNS.items()),
     ("contradicted", "contradicted", ""),
 )
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, MissingFileError, parse_quantity, plain_text, plural
+from swashtwin.recordings.column_roles import EXCLUDED_COLUMNS, describe_excluded, vibration_columns
 from swashtwin.recordings.column_selection import (
     rate_in_file,
     resolve_sample_rate,
@@ -30,7 +31,7 @@ from swashtwin.recordings.label_hints import (
     label_hints,
     move_machines_out_of_labels,
 )
-from swashtwin.recordings.scaling import resolve_scaling, vibration_columns
+from swashtwin.recordings.scaling import resolve_scaling
 
 Facts = dict[str, tuple[str, str]]
 """Value and origin of each fact of one file."""
@@ -355,7 +356,7 @@ class _Survey:
             return [values]
 
         channels_by_start: dict[str, list[str]] = {}
-        for name in vibration_columns(raw, entry):
+        for name in vibration_columns(raw, entry, str(self.folder / values["file"])):
             channels_by_start.setdefault(raw.starts.get(name, ""), []).append(name)
         if len(channels_by_start) < 2:
             return [values]
@@ -376,13 +377,10 @@ class _Survey:
         self.facts.append(self._collect_origins(raw, columns, values, origins))
         self.entries.append(values)
 
-        other_columns = [column for column in raw.columns if column not in columns]
-        if entry.channels is None and other_columns:
-            self._note(
-                "other_columns",
-                f"columns of other quantities than vibration are skipped: "
-                f"{', '.join(other_columns)}.",
-            )
+        if entry.channels is None:
+            excluded = [column for column in raw.columns if column not in columns]
+            for kind, listed in describe_excluded(raw, entry, excluded).items():
+                self._note(kind, f"{EXCLUDED_COLUMNS[kind]} are skipped: {listed}.")
         if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
             self._note(
                 "no_speed",

@@ -6,6 +6,7 @@ from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from swashtwin.foundation import DataError, UnitError, parse_quantity, propose_setting
+from swashtwin.recordings.formats.column_names import Quantity, meaning_of_name, meaning_of_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.sample_units import (
     acceleration_factor,
@@ -13,22 +14,13 @@ from swashtwin.recordings.formats.sample_units import (
     require_sample_unit,
 )
 
-# Names of channels that are not vibration, in English and German.
-#
-# A tachometer is not among them, because commands follow it.
-_OTHER_QUANTITY = re.compile(
-    r"(?:^|[^a-z])(?:temp|temperatur|temperature|druck|pressure|drehzahl|rpm|speed|flow|durchfluss|"
-    r"torque|drehmoment|case[ _-]?drain|leck(?:öl)?)(?:[^a-z]|$)",
-    re.IGNORECASE,
-)
-
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _BARE_NUMBER = re.compile(r"[\d.eE+-]+")
 _COUNT = r"(?i:counts?|cts?|lsb|digits?|bits?|fs|full[ _-]?scale)"
 _ELECTRIC = r"[nmuµμ]?V|[pn]C|[muµμ]?A"
 
-# Units of numbers that a sensitivity scales.
-_SENSED_UNIT = re.compile(rf"{_ELECTRIC}|1|{_COUNT}")
+SENSED_UNIT = re.compile(rf"{_ELECTRIC}|1|{_COUNT}")
+"""Units of numbers that a sensitivity scales."""
 
 _SENSITIVITY_FORMS = (
     '"99.7 mV/g" for channels in volts, "0.488 mg/count" or "0.1 g" for one unit of the file'
@@ -161,6 +153,8 @@ def _scale_channel(
                 field="unit",
                 remedy="Set {unit='V'} or {unit='mV'}, or {unit='g'} if it is applied already.",
             )
+        if name not in raw.units:
+            _refuse_other_unit(raw, options, name, source_name)
         return 1.0, _resolve_unit(raw.units.get(name), options.unit, name, source_name)
 
     unit_in_file = raw.units.get(name, raw.facts.get("unit"))
@@ -195,6 +189,26 @@ def _scale_channel(
             field="sensitivity",
         )
     return factor, sensitivity.unit
+
+
+def _refuse_other_unit(raw: RawFile, options: ReadOptions, name: str, source_name: str) -> None:
+    """Refuse a specified unit for a column whose heading says another one, such as ``dBm``."""
+    if name in raw.foreign_units:
+        meaning = meaning_of_unit(raw.foreign_units[name])
+    else:
+        meaning = meaning_of_name(name)
+    if meaning is None or meaning.quantity is not Quantity.other:
+        return
+
+    text = meaning.reason.removeprefix("in ")
+    is_unit = text != meaning.reason
+    if is_unit and options.unit != "1" and normalize_unit(options.unit or "") != text:
+        specified = f", but {options.unit} is specified" if options.unit else ""
+        raise DataError(
+            f"{source_name} states that {name!r} is in {text}{specified}.",
+            field="unit",
+            remedy="Set {unit='1'} to read the plain numbers, or select other {channels}.",
+        )
 
 
 def _require_plain_numbers(
@@ -299,7 +313,7 @@ def _sensitivities_in_file(
         if name not in raw.sensitivities:
             continue
         unit = raw.units.get(name, options.unit)
-        if unit is not None and not _SENSED_UNIT.fullmatch(unit):
+        if unit is not None and not SENSED_UNIT.fullmatch(unit):
             continue  # it is applied already, or the numbers would not be in this unit
 
         text = raw.sensitivities[name]
@@ -316,32 +330,6 @@ def _sensitivities_in_file(
         if unit and sensitivity.value_of(unit) is not None:
             sensitivities[name] = sensitivity
     return sensitivities
-
-
-def vibration_columns(raw: RawFile, options: ReadOptions) -> list[str]:
-    """Return the columns of a file without those of other quantities than vibration.
-
-    Those are pressures, tachometers, temperatures besides accelerations. If nothing shows which
-    columns are vibration, all are returned.
-    """
-    has_sensitivity = options.sensitivity is not None
-    has_acceleration = has_sensitivity or bool(raw.sensitivities)
-    if options.unit is not None and acceleration_factor(options.unit) is not None:
-        has_acceleration = True
-
-    columns = []
-    for name in raw.columns:
-        unit = raw.units.get(name)
-        if unit is None:
-            is_vibration = not _OTHER_QUANTITY.search(name)
-        else:
-            is_acceleration = unit != "1" and acceleration_factor(unit) is not None
-            has_acceleration = has_acceleration or is_acceleration
-            is_sensed = has_sensitivity or name in raw.sensitivities
-            is_vibration = is_acceleration or bool(is_sensed and _SENSED_UNIT.fullmatch(unit))
-        if is_vibration:
-            columns.append(name)
-    return columns if has_acceleration and columns else list(raw.columns)
 
 
 def _resolve_unit(in_file: str | None, specified: str | None, name: str, source_name: str) -> str:

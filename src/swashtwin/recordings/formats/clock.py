@@ -24,7 +24,9 @@ from swashtwin.recordings.formats.axes import require_samples, settle_axes
 from swashtwin.recordings.formats.column_names import (
     is_name_empty,
     name_in_group,
+    names_other,
     parse_time_name,
+    unknown_unit,
 )
 from swashtwin.recordings.formats.headings import split_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
@@ -268,6 +270,7 @@ def split_at_breaks(raw: RawFile) -> RawFile:
     units: dict[str, str] = {}
     rates: dict[str, float] = {}
     sensitivities: dict[str, str] = {}
+    foreign_units: dict[str, str] = {}
     for name, column in raw.columns.items():
         ends = [0, *raw.breaks, len(column)]
         for number, (first, end) in enumerate(pairwise(ends), 1):
@@ -276,6 +279,8 @@ def split_at_breaks(raw: RawFile) -> RawFile:
             starts[key] = f"sample {first} of the file"
             if name in raw.units:
                 units[key] = raw.units[name]
+            if name in raw.foreign_units:
+                foreign_units[key] = raw.foreign_units[name]
             if name in raw.rates:
                 rates[key] = raw.rates[name]
             if name in raw.sensitivities:
@@ -290,6 +295,7 @@ def split_at_breaks(raw: RawFile) -> RawFile:
         units=units,
         rates=rates,
         sensitivities=sensitivities,
+        foreign_units=foreign_units,
     )
 
 
@@ -347,6 +353,8 @@ def _find_clocks(path: Path, raw: RawFile, options: ReadOptions) -> list[str]:
         ):
             rising_columns.append(name)
 
+    # T in degC is a temperature, beside a time of another name.
+    named_clocks = [name for name in named_clocks if _may_be_time(raw, name)] or named_clocks
     clocks = named_clocks or rising_columns
     if len(named_clocks) > 1:
         clocks = [name for name in named_clocks if _is_clock(raw, name)] or clocks
@@ -368,7 +376,9 @@ def _column_unit(raw: RawFile, name: str) -> str | None:
 
 
 def _may_be_time(raw: RawFile, name: str) -> bool:
-    return _column_unit(raw, name) in (None, *TIME_UNITS)
+    is_other = name in raw.foreign_units or names_other(name)
+    is_other = is_other or (parse_time_name(name) is None and unknown_unit(name) != "")
+    return not is_other and _column_unit(raw, name) in (None, *TIME_UNITS)
 
 
 def _clock_for(raw: RawFile, name: str, column: Column, clocks: Mapping[str, _Clock]) -> str | None:

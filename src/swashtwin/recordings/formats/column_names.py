@@ -5,6 +5,7 @@ The one place that knows such name_words: readers, clocks and the selection of c
 
 import re
 from enum import Enum
+from functools import lru_cache
 from typing import NamedTuple
 
 from swashtwin.recordings.formats.sample_units import (
@@ -122,6 +123,7 @@ _TIME_QUALIFIERS = {
 }
 
 
+@lru_cache(maxsize=1024)
 def parse_time_name(name: str) -> TimeName | None:
     """Return what the name of a column, without its groups, says of a time; None if nothing.
 
@@ -150,7 +152,14 @@ def parse_time_name(name: str) -> TimeName | None:
         return None
 
     in_brackets = _UNIT_WORDS.get(unit_text.lower())
+    if unit_text and in_brackets is None and _is_other_unit(unit_text):
+        return None  # "T (°F)" is a temperature
     return TimeName(units[0] if units else in_brackets)
+
+
+def _is_other_unit(unit_text: str) -> bool:
+    units = {unit_text.lower(), normalize_unit(unit_text).lower()}
+    return not units.isdisjoint(_OTHER_UNITS)
 
 
 def clock_part(name: str, unit: str | None) -> tuple[str, str] | None:
@@ -244,6 +253,8 @@ _ELECTRIC_WORD = re.compile(r"voltage|spannung|volts?")
 # Axes of an accelerometer: ax, a_y, AZ, a1x, gFx.
 _ACCELERATION_AXIS = re.compile(r"(?:a[_ ]?\d*[_ ]?|gF|lin_?acc_?)[xyz]\d*", re.IGNORECASE)
 
+_G_FORCE = re.compile(r"g[_ ]?force\w*", re.IGNORECASE)
+
 _FREQUENCY_NAME = re.compile(
     r"f|ff|freqs?|frequenc(?:y|ies)|frequenz(?:en)?|hz|khz|cpm|orders?|ordnung(?:en)?|faxis"
 )
@@ -331,6 +342,21 @@ def meaning_of_unit(unit: str) -> Meaning | None:
 _SENSOR_QUANTITIES = (Quantity.vibration, Quantity.motion, Quantity.electric)
 
 
+@lru_cache(maxsize=1024)
+def unknown_unit(name: str) -> str:
+    """Return the text in the brackets of a name that is neither a known unit nor nothing.
+
+    Examples
+    --------
+    >>> unknown_unit("q (foo)"), unknown_unit("q (dBm)"), unknown_unit("q [counts]")
+    ('foo', '', '')
+    """
+    heading, text = split_heading(name_in_group(name))
+    is_known = text.lower() in _NO_UNIT or _meaning_in_brackets(heading, text) is not None
+    return "" if is_known else text
+
+
+@lru_cache(maxsize=1024)
 def meaning_of_name(name: str) -> Meaning | None:
     """Return the quantity that the name of a column says, or None.
 
@@ -359,17 +385,22 @@ def meaning_of_name(name: str) -> Meaning | None:
     return in_brackets or in_name
 
 
-def unknown_unit(name: str) -> str:
-    """Return the text in the brackets of a name that is neither a known unit nor nothing.
+def names_other(name: str) -> bool:
+    """Return whether a name is that of a quantity that neither vibrates nor is the time."""
+    meaning = meaning_of_name(name)
+    return meaning is not None and meaning.quantity in (Quantity.other, Quantity.label)
+
+
+def is_foreign_unit(text: str) -> bool:
+    """Return whether the text of a unit is not a unit known here, and says something.
 
     Examples
     --------
-    >>> unknown_unit("q (foo)"), unknown_unit("q (dBm)"), unknown_unit("q [counts]")
-    ('foo', '', '')
+    >>> is_foreign_unit("dBspl"), is_foreign_unit("g"), is_foreign_unit("counts")
+    (True, False, False)
     """
-    heading, text = split_heading(name_in_group(name))
-    is_known = text.lower() in _NO_UNIT or _meaning_in_brackets(heading, text) is not None
-    return "" if is_known else text
+    unit = text.strip()
+    return unit.lower() not in _NO_UNIT and recognize_unit(unit) is None
 
 
 def _meaning_in_brackets(heading: str, text: str) -> Meaning | None:
@@ -421,7 +452,7 @@ def _has_word(name_words: list[str], pattern: re.Pattern[str]) -> bool:
 
 def _meaning_of_motion(heading: str, name_words: list[str]) -> Meaning | None:
     """Return that the words name a velocity, a displacement or a vibration, or None."""
-    if _ACCELERATION_AXIS.fullmatch(heading):
+    if _ACCELERATION_AXIS.fullmatch(heading) or _G_FORCE.fullmatch(heading):
         return Meaning(Quantity.vibration, "an axis of acceleration")
     if _has_word(name_words, _ANGULAR_WORD):
         return None
@@ -483,6 +514,33 @@ _EMPTY_WORDS = {
     *("channel", "chan", "ch", "kanal", "field", "series", "vector", "array", "matrix", "unnamed"),
     *("abscissa", "axis", "achse", "tick", "ticks", "signal", "sample", "samples", "index", "idx"),
 }
+
+# Words of the place or direction of a sensor.
+_PLACE_WORDS = {
+    *("de", "nde", "fe", "ba", "ds", "os", "front", "rear", "left", "right", "top", "bottom", "up"),
+    *("down", "inner", "outer", "inlet", "outlet", "side", "end", "drive", "nondrive", "axial"),
+    *("radial", "tangential", "horizontal", "vertical", "hor", "ver", "vert", "ax", "rad", "tan"),
+    *("lateral", "motor", "pump", "gear", "gearbox", "bearing", "shaft", "housing", "case", "base"),
+    *("plate", "valve", "swash", "swashplate", "frame", "flange", "cover", "foundation", "table"),
+    *("vorne", "hinten", "links", "rechts", "oben", "unten", "innen", "außen", "aussen", "pumpe"),
+    *("getriebe", "lager", "welle", "gehäuse", "gehaeuse", "flansch", "deckel", "platte"),
+    *("saugseite", "druckseite", "antrieb", "abtrieb", "antriebsseite", "abtriebsseite", "seite"),
+    *("quer", "längs", "fundament", "sensor", "sensors", "imu", "aufnehmer"),
+    *("messstelle", "position", "pos", "point", "punkt", "location", "input", "output", "mp"),
+    *("north", "south", "east", "west", "x", "y", "z", "magnitude", "norm", "total", "abs", "sum"),
+}
+
+
+def names_place(name: str) -> bool:
+    """Return whether a name, or the text in its brackets, holds the place of a sensor.
+
+    Examples
+    --------
+    >>> names_place("Motor (DE)"), names_place("Lager_2"), names_place("quality")
+    (True, True, False)
+    """
+    return not _PLACE_WORDS.isdisjoint(words_of(name_in_group(name)))
+
 
 # Single letters that stand for another quantity than the time.
 _TELLING_LETTERS = {"f", "p", "n", "w", "phi", "rad", "deg", "rpm", "hz"}

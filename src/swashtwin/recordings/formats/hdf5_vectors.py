@@ -10,6 +10,7 @@ import numpy as np
 from swashtwin.recordings.columns import Column, matrix_columns, number_type
 from swashtwin.recordings.formats.array_shapes import describe_shape, require_small_arrays
 from swashtwin.recordings.formats.clock import extract_time
+from swashtwin.recordings.formats.column_names import is_foreign_unit
 from swashtwin.recordings.formats.hdf5_access import require_local_data
 from swashtwin.recordings.formats.named_arrays import NAME_LISTS, UNIT_LISTS, attach_facts
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
@@ -36,7 +37,9 @@ def read_vectors(path: Path, file: h5py.File, options: ReadOptions) -> RawFile:
         attributes["left_out"] = ", ".join(vectors.excluded)
 
     require_small_arrays(path, vectors.shapes, vectors.columns, options)
-    raw = RawFile(vectors.columns, None, vectors.units, attributes)
+    raw = RawFile(
+        vectors.columns, None, vectors.units, attributes, foreign_units=vectors.foreign_units
+    )
     counts = {name for name, column in raw.columns.items() if number_type(column).kind in "iu"}
     raw = attach_facts(path, raw, vectors.facts, options, vectors.sources, counts)
     return extract_time(path, raw, options)
@@ -49,6 +52,7 @@ class _Vectors:
         self._path = path
         self.columns: dict[str, Column] = {}
         self.units: dict[str, str] = {}
+        self.foreign_units: dict[str, str] = {}
         self.facts: dict[str, Any] = {}
         """Attributes and single numbers by their paths."""
         self.sources: dict[str, tuple[str, int, int]] = {}
@@ -103,6 +107,8 @@ class _Vectors:
             unit = recognize_unit(units[number]) if units else None
             if unit:
                 self.units[key] = unit
+            elif units and is_foreign_unit(units[number]):
+                self.foreign_units[key] = units[number]
 
 
 def decode_text(value: Any) -> str | None:

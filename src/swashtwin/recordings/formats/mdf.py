@@ -8,6 +8,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, load_extra
 from swashtwin.recordings.formats.clock import TIME_UNITS
+from swashtwin.recordings.formats.column_names import is_foreign_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.sample_units import recognize_unit
 from swashtwin.recordings.formats.time_column import read_time_column
@@ -40,6 +41,7 @@ def read(path: Path, options: ReadOptions) -> RawFile:
         attributes,
         rates=content.rates,
         starts=content.starts,
+        foreign_units=content.foreign_units,
     )
 
 
@@ -50,6 +52,7 @@ class _Content:
         self._path = path
         self.columns: dict[str, np.ndarray] = {}
         self.units: dict[str, str] = {}
+        self.foreign_units: dict[str, str] = {}
         self.rates: dict[str, float] = {}
         self.starts: dict[str, str] = {}
         self.problems: dict[str, str] = {}
@@ -78,9 +81,7 @@ class _Content:
             if signal.invalidation_bits is not None:
                 is_invalid = np.asarray(signal.invalidation_bits, dtype=bool)
                 self.columns[name][is_invalid] = np.nan
-            unit = recognize_unit(signal.unit)
-            if unit:
-                self.units[name] = unit
+            self._add_unit(name, signal.unit)
 
             if not is_timed:
                 continue
@@ -92,6 +93,13 @@ class _Content:
             if rate:
                 self.rates[name] = rate
             self.starts[name] = self._start(float(signal.timestamps[0]), rate)
+
+    def _add_unit(self, name: str, text: str) -> None:
+        unit = recognize_unit(text)
+        if unit:
+            self.units[name] = unit
+        elif is_foreign_unit(text):
+            self.foreign_units[name] = text
 
     def _start(self, start: float, rate: float | None) -> str:
         """Return a start [s] as text; that of another channel if it is less than a sample away."""

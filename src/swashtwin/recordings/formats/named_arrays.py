@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from dataclasses import replace
+from itertools import filterfalse
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from swashtwin.foundation import DataError
 from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.array_shapes import describe_shape, require_small_arrays
-from swashtwin.recordings.formats.column_names import parse_time_name
+from swashtwin.recordings.formats.column_names import is_foreign_unit, parse_time_name
 from swashtwin.recordings.formats.headings import BARE_RATE, header_rate, read_sensitivities
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.sample_units import recognize_unit
@@ -56,7 +57,9 @@ def sort_variables(
     if workspace.excluded:
         attributes["left_out"] = ", ".join(workspace.excluded)
     require_small_arrays(path, workspace.shapes, workspace.columns, options)
-    raw = RawFile(workspace.columns, None, workspace.units, attributes)
+    raw = RawFile(
+        workspace.columns, None, workspace.units, attributes, foreign_units=workspace.foreign_units
+    )
     return attach_facts(path, raw, workspace.facts, options, counts=workspace.counts)
 
 
@@ -121,8 +124,16 @@ def attach_facts(
 
     if not readings["rates"]:
         readings["rates"] = _only_rate(columns, facts, rate_of)
-    readings["units"] |= raw.units
+    # The nearest unit counts, even if nobody here knows it.
+    foreign_units = dict(filter(_has_foreign_unit, readings["units"].items()))
+    known_units = dict(filterfalse(_has_foreign_unit, readings["units"].items()))
+    readings["units"] = {**known_units, **raw.units}
+    readings["foreign_units"] = {**foreign_units, **raw.foreign_units}
     return replace(raw, columns=columns, **readings)
+
+
+def _has_foreign_unit(item: tuple[str, str]) -> bool:
+    return is_foreign_unit(item[1])
 
 
 def _read_rate(name: str, text: Any) -> float | None:
@@ -135,7 +146,10 @@ def _read_rate(name: str, text: Any) -> float | None:
 
 
 def _read_unit(name: str, text: Any) -> str | None:
-    return recognize_unit(text) if name in UNIT_LISTS and isinstance(text, str) else None
+    """Return the unit that a fact states, which may be unknown; None if it states none."""
+    if name not in UNIT_LISTS or not isinstance(text, str):
+        return None
+    return text.strip() if is_foreign_unit(text) else recognize_unit(text)
 
 
 def _read_start(name: str, text: Any) -> Any:
@@ -267,6 +281,7 @@ class _Workspace:
     def __init__(self, variables: Iterable[tuple[str, Any]]) -> None:
         self.columns: dict[str, Column] = {}
         self.units: dict[str, str] = {}
+        self.foreign_units: dict[str, str] = {}
         self.facts: dict[str, str] = {}
         self.excluded: list[str] = []
         self.shapes: dict[str, tuple[int, ...]] = {}
@@ -356,6 +371,8 @@ class _Workspace:
             unit = recognize_unit(units[number])
             if unit:
                 self.units[key] = unit
+            elif is_foreign_unit(units[number]):
+                self.foreign_units[key] = units[number]
 
         self.columns[key] = vector
 

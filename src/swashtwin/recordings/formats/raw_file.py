@@ -121,6 +121,8 @@ class RawFile:
     """
     breaks: tuple[int, ...] = ()
     """Samples at which another recording begins."""
+    foreign_units: Mapping[str, str] = field(default_factory=dict)
+    """Text of each column's unit that is not in `units`, because nobody here knows it."""
 
     @property
     def condition(self) -> OperatingCondition | None:

@@ -13,6 +13,7 @@ import numpy as np
 from swashtwin.foundation import DataError, load_extra
 from swashtwin.recordings.columns import Column, LazyColumn, slice_column
 from swashtwin.recordings.formats.clock import TIME_UNITS, extract_time
+from swashtwin.recordings.formats.column_names import is_foreign_unit
 from swashtwin.recordings.formats.headings import header_rate, read_sensitivities
 from swashtwin.recordings.formats.raw_file import UNCLOSED, RawFile, ReadOptions, snap_rate
 from swashtwin.recordings.formats.sample_units import recognize_unit
@@ -226,6 +227,7 @@ def _read_channels(path: Path, file: Any, options: ReadOptions) -> RawFile:
         units=facts.units,
         rates=facts.rates,
         starts=facts.starts,
+        foreign_units=facts.foreign_units,
         sensitivities=facts.sensitivities,
     )
 
@@ -238,6 +240,7 @@ class _Facts:
         self._file = file
         self._start_times: dict[str, np.datetime64] = {}
         self.units: dict[str, str] = {}
+        self.foreign_units: dict[str, str] = {}
         self.rates: dict[str, float] = {}
         self.starts: dict[str, str] = {}
         self.sensitivities: dict[str, str] = {}
@@ -254,6 +257,8 @@ class _Facts:
         unit = "ns" if kind == "M" else _unit_of(properties)
         if unit:
             self.units[key] = unit
+        elif foreign_unit := _foreign_unit_of(properties):
+            self.foreign_units[key] = foreign_unit
 
         pairs = [(name, str(value)) for name, value in properties.items()]
         step = float(properties.get("wf_increment") or 0.0)
@@ -282,13 +287,21 @@ class _Facts:
         return str(start_time).removeprefix("1970-01-01T")
 
 
+def _unit_texts(properties: dict[str, Any]) -> list[str]:
+    return [
+        str(value)
+        for name, value in properties.items()
+        if name in _UNIT_PROPERTIES or name.lower() in ("unit", "units")
+    ]
+
+
 def _unit_of(properties: dict[str, Any]) -> str | None:
-    for name, value in properties.items():
-        if name in _UNIT_PROPERTIES or name.lower() in ("unit", "units"):
-            unit = recognize_unit(str(value))
-            if unit:
-                return unit
-    return None
+    units = map(recognize_unit, _unit_texts(properties))
+    return next(filter(None, units), None)
+
+
+def _foreign_unit_of(properties: dict[str, Any]) -> str | None:
+    return next(filter(is_foreign_unit, _unit_texts(properties)), None)
 
 
 def _start_time(properties: dict[str, Any]) -> np.datetime64 | None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, load_extra
 from swashtwin.recordings.formats.clock import TIME_UNITS
+from swashtwin.recordings.formats.column_names import is_foreign_unit
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, snap_rate
 from swashtwin.recordings.formats.sample_units import normalize_unit, recognize_unit
 from swashtwin.recordings.formats.time_column import read_time_column
@@ -45,6 +46,7 @@ def read(path: Path, options: ReadOptions) -> RawFile:
 
     columns: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
+    foreign_units: dict[str, str] = {}
     rates: dict[str, float] = {}
     starts: dict[str, str] = {}
     attributes: dict[str, str] = {}
@@ -54,6 +56,8 @@ def read(path: Path, options: ReadOptions) -> RawFile:
         unit = recognize_unit(response.get("ordinate_axis_units_lab", ""))
         if unit:
             units[name] = unit
+        elif is_foreign_unit(response.get("ordinate_axis_units_lab", "")):
+            foreign_units[name] = response["ordinate_axis_units_lab"].strip()
 
         rate, first_time, problem = _read_time(path, name, response)
         if rate:
@@ -61,7 +65,15 @@ def read(path: Path, options: ReadOptions) -> RawFile:
         if problem:
             attributes["time_gaps"] = problem
         starts[name] = f"{first_time:.6g} s"
-    return RawFile(columns, None, units, attributes, rates=rates, starts=starts)
+    return RawFile(
+        columns,
+        None,
+        units,
+        attributes,
+        rates=rates,
+        starts=starts,
+        foreign_units=foreign_units,
+    )
 
 
 def _read_samples(path: Path, name: str, response: dict[str, Any]) -> np.ndarray:

@@ -1,0 +1,287 @@
+"""Which columns of a file are vibrations: a unit goes to them, and to no other column."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars
+import pytest
+import scipy.io
+from numpy.typing import ArrayLike
+
+from swashtwin.foundation import DataError
+from swashtwin.recordings import inspect_recordings, load_recording
+
+CASES = Path(__file__).parent / "cases"
+RATE = 4000.0
+N_SAMPLES = 1200
+TIME_S = np.arange(N_SAMPLES) / RATE
+NOISE = np.random.default_rng(4).standard_normal((4, N_SAMPLES))
+
+
+def write_table(path: Path, columns: dict[str, ArrayLike]) -> Path:
+    """Write columns as a table of the format of the suffix."""
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    if path.suffix == ".parquet":
+        polars.DataFrame(arrays).write_parquet(path)
+    else:
+        polars.DataFrame(arrays).write_csv(path)
+    return path
+
+
+def notes_of(path: Path, **facts: Any) -> str:
+    report = inspect_recordings([load_recording(path, **facts)])
+    return " ".join(finding.message for finding in report.recordings[0].findings)
+
+
+# ---- given files
+
+
+@pytest.mark.parametrize(
+    ("file", "channels", "note"),
+    [
+        ("K04-dbm.csv", ("acc_x", "acc_y"), "other quantities than vibration were skipped: RSSI "),
+        ("K04-degF.csv", ("acc_x", "acc_y"), "other quantities than vibration were skipped: T "),
+        (
+            "K05-imu9.csv",
+            ("ax", "ay", "az"),
+            "gx (gyroscope?), gy (gyroscope?), gz (gyroscope?), mx (magnetometer?), "
+            "my (magnetometer?), mz (magnetometer?), temp (a temperature)",
+        ),
+        (
+            "K06-label_only.csv",
+            ("ax", "ay"),
+            "a class, a state or pulses were skipped: label (changes within the file: 0, 1, 2, 3)",
+        ),
+    ],
+)
+def test_only_vibrations_of_a_given_file_get_the_specified_unit(
+    file: str, channels: tuple[str, ...], note: str
+) -> None:
+    facts = {"unit": "g", "sample_rate": "4 kHz"}
+
+    assert load_recording(CASES / file, **facts).channels == channels
+    assert note in notes_of(CASES / file, **facts)
+
+
+# ---- units of other quantities
+
+OTHER_HEADINGS = [
+    *("RSSI (dBm)", "Battery (%)", "lat (deg)", "Mic (Pa/dB)", "Gyroscope x (rad/s)", "B (µT)"),
+    *("Q [foo]", "W (kg/h)", "Kraft (daN)", "Licht / lx", "Feuchte (%rH)", "Leitwert (µS/cm)"),
+    *("T (°F)", "S (foo)"),
+]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("heading", OTHER_HEADINGS)
+def test_a_column_with_another_unit_is_left_out_by_name(
+    heading: str, suffix: str, tmp_path: Path
+) -> None:
+    path = write_table(
+        tmp_path / f"a{suffix}", {"time (s)": TIME_S, "acc_x": NOISE[0], heading: NOISE[1]}
+    )
+
+    recording = load_recording(path, unit="g")
+
+    assert recording.channels == ("acc_x",)
+    assert recording.sample_rate == RATE
+    assert recording.attributes["other_columns"].startswith(heading)
+
+
+@pytest.mark.parametrize("heading", ["T (°F)", "p (psi)", "Weg (foo/s)"])
+def test_another_quantity_that_rises_evenly_counts_no_samples(heading: str, tmp_path: Path) -> None:
+    path = write_table(
+        tmp_path / "a.csv", {"time": TIME_S, "acc": NOISE[0], heading: 20 + 5 * TIME_S}
+    )
+
+    recording = load_recording(path, unit="g")
+
+    assert recording.channels == ("acc",)
+    assert recording.attributes["other_columns"].startswith(heading.partition(" ")[0])
+    assert "counter_columns" not in recording.attributes
+
+
+def test_a_temperature_named_as_the_time_is_no_clock(tmp_path: Path) -> None:
+    path = write_table(
+        tmp_path / "a.csv", {"Zeit": TIME_S, "acc": NOISE[0], "T [degC]": 20 + TIME_S}
+    )
+
+    assert load_recording(path, unit="g").sample_rate == RATE
+
+
+def test_a_unit_that_an_attribute_states_is_heeded_though_unknown(tmp_path: Path) -> None:
+    scipy.io.savemat(
+        tmp_path / "a.mat",
+        {"x": NOISE[0], "s": NOISE[1], "s_unit": "dBm", "q": NOISE[2], "q_unit": "foo"},
+    )
+
+    recording = load_recording(tmp_path / "a.mat", unit="g", sample_rate=RATE)
+
+    assert recording.channels == ("x",)
+    assert recording.attributes["other_columns"] == "s (in dBm), q (in foo)"
+
+
+def test_a_unit_of_tdms_that_is_unknown_is_heeded(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    channels = [
+        nptdms.ChannelObject("g", "a", NOISE[0], properties={"wf_increment": 1 / RATE}),
+        nptdms.ChannelObject(
+            "g", "b", NOISE[1], properties={"wf_increment": 1 / RATE, "unit_string": "sone"}
+        ),
+    ]
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment(channels)
+
+    assert load_recording(tmp_path / "a.tdms", unit="g").channels == ("a",)
+
+
+def test_a_specified_unit_of_another_quantity_goes_to_columns_without_a_unit(
+    tmp_path: Path,
+) -> None:
+    path = write_table(
+        tmp_path / "a.csv", {"time": TIME_S, "p1": NOISE[0], "p2": NOISE[1], "T (°C)": NOISE[2]}
+    )
+
+    recording = load_recording(path, unit="bar")
+
+    assert recording.channels == ("p1", "p2")
+    assert recording.unit == "bar"
+
+
+@pytest.mark.parametrize("heading", ["T (°F)", "RSSI (dBm)"])
+def test_a_selected_column_keeps_its_own_unit(heading: str, tmp_path: Path) -> None:
+    path = write_table(tmp_path / "a.csv", {"time": TIME_S, "acc": NOISE[0], heading: NOISE[1]})
+
+    with pytest.raises(DataError, match=r"is in .*, but g is specified\. Set unit='1' to read"):
+        load_recording(path, unit="g", channels=(heading,))
+    assert load_recording(path, unit="1", channels=(heading,)).channels == (heading,)
+
+
+# ---- names of other quantities
+
+OTHER_NAMES = [
+    *("gx", "my", "gyro_x", "gyr y", "GyroZ", "rotationRate.x", "mag_x", "MagY", "lat", "lon"),
+    *("altitude", "Höhe", "Breitengrad", "battery", "Akku", "mic", "Mikrofon", "tacho", "temp"),
+    *("Öltemperatur", "Drehzahl", "pressure", "heading", "roll", "vbat", "humidity", "setpoint"),
+]
+
+
+@pytest.mark.parametrize("name", OTHER_NAMES)
+def test_a_column_named_as_another_quantity_is_left_out(name: str, tmp_path: Path) -> None:
+    path = write_table(
+        tmp_path / "a.csv", {"time": TIME_S, "ax": NOISE[0], "ay": NOISE[1], name: NOISE[2]}
+    )
+
+    recording = load_recording(path, unit="g")
+
+    assert recording.channels == ("ax", "ay")
+    assert recording.attributes["other_columns"].startswith(f"{name} (")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("Motor (DE)", "Motor (NDE)", "Pumpe"),
+        ("DE", "FE", "BA"),
+        ("load side", "Druckseite", "bearing 2"),
+        ("gFx", "gFy", "gFz"),
+        ("vib_pump", "Lager 1", "left"),
+        ("acc (links)", "acc (rechts)"),
+        ("X", "Y", "magnitude"),
+    ],
+)
+def test_names_of_places_and_axes_are_those_of_vibrations(
+    names: tuple[str, ...], tmp_path: Path
+) -> None:
+    columns = {"time": TIME_S} | dict(zip(names, NOISE, strict=False))
+
+    recording = load_recording(write_table(tmp_path / "a.csv", columns), unit="g")
+
+    assert recording.channels == names
+
+
+# ---- questions
+
+
+@pytest.mark.parametrize(
+    ("names", "unclear"),
+    [
+        (("gx", "gy", "gz"), "gx .gyroscope.., gy .gyroscope.., gz .gyroscope.."),
+        (("x", "y", "mx"), "mx .magnetometer.."),
+        (("acc_x", "foo", "quality"), "foo, quality"),
+        (("vib", "X", "residual"), "residual"),
+    ],
+)
+def test_columns_that_may_be_something_else_are_asked_about(
+    names: tuple[str, ...], unclear: str, tmp_path: Path
+) -> None:
+    columns = {"time": TIME_S} | dict(zip(names, NOISE, strict=False))
+    path = write_table(tmp_path / "a.csv", columns)
+
+    with pytest.raises(DataError, match=rf"are vibrations: {unclear}\. .* '\*' selects") as caught:
+        load_recording(path, unit="g")
+    assert caught.value.field == "channels"
+
+    assert load_recording(path, unit="g", channels=("*",)).channels == names
+    assert load_recording(path, unit="g", channels=names[:1]).channels == names[:1]
+
+
+@pytest.mark.parametrize("names", [("T (°F)",), ("lat", "lon"), ("Gyroscope x (rad/s)", "tacho")])
+def test_a_file_of_other_quantities_only_gets_no_unit_of_acceleration(
+    names: tuple[str, ...], tmp_path: Path
+) -> None:
+    columns = {"time": TIME_S} | dict(zip(names, NOISE, strict=False))
+    path = write_table(tmp_path / "a.csv", columns)
+
+    with pytest.raises(DataError, match=r"holds no column that may be in g: .*") as caught:
+        load_recording(path, unit="g")
+    assert caught.value.field == "channels"
+
+
+# ---- classes, states and pulses
+
+STATES: dict[str, np.ndarray] = {
+    "label": np.arange(N_SAMPLES) // 300,
+    "Klasse": np.full(N_SAMPLES, 2),
+    "state": np.arange(N_SAMPLES) // 500,
+    "column_7": np.arange(N_SAMPLES) // 200,
+    "activity": np.where(TIME_S > 0.29, 12.0, 0.0),
+    "flag": (np.arange(N_SAMPLES) % 3 == 0).astype(int),
+    "digital_in": np.where(np.arange(N_SAMPLES) % 40 < 3, 5.0, 0.0),
+    "TTL": np.where(np.arange(N_SAMPLES) % 40 < 20, 3.3, 0.0),
+}
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_a_column_of_few_values_is_left_out_as_a_state(name: str, tmp_path: Path) -> None:
+    path = write_table(tmp_path / "a.csv", {"x": NOISE[0], "y": NOISE[1], name: STATES[name]})
+
+    recording = load_recording(path, unit="g", sample_rate=RATE)
+
+    n_values = len(np.unique(STATES[name]))
+    text = "changes within the file: 0, " if n_values > 1 else "2 in the whole file"
+    assert recording.channels == ("x", "y")
+    assert recording.attributes["state_columns"].startswith(f"{name} ({text}")
+
+
+COARSE_SIGNALS: dict[str, np.ndarray] = {
+    "many counts": np.rint(2000 + 300 * NOISE[2]).astype(int),
+    "few counts": np.rint(6 + 1.2 * NOISE[2]).astype(int),
+    "counts around zero": np.rint(0.7 * NOISE[2]).astype(int),
+    "dead": np.zeros(N_SAMPLES),
+}
+
+
+@pytest.mark.parametrize("kind", COARSE_SIGNALS)
+@pytest.mark.parametrize("name", ["x2", "ch_b", "column_7"])
+def test_samples_of_a_coarse_converter_are_no_states(kind: str, name: str, tmp_path: Path) -> None:
+    path = write_table(tmp_path / "a.csv", {"x1": NOISE[0], name: COARSE_SIGNALS[kind]})
+
+    assert load_recording(path, unit="g", sample_rate=RATE).channels == ("x1", name)
+
+
+def test_a_file_of_states_only_is_read(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "a.csv", {"value": np.arange(N_SAMPLES) // 300})
+
+    assert load_recording(path, unit="1", sample_rate=RATE).channels == ("value",)

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from commandline import FACTS, QUICK, TINY, run, run_json, write_tone
+from commandline import FACTS, QUICK, TINY, one_line, run, run_json, write_tone
 from twin_recordings import recording_of
 
 from swashtwin.physics import Twin
@@ -20,6 +20,21 @@ def folder(tones: Path) -> Path:
     out = tones / "m.safetensors"
     run("train", tones, "--out", out, *WINDOW, "--test-fraction", 0, *TINY)
     return tones
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Index of two machines, and a model that compares with their healthy recordings."""
+    root = tmp_path_factory.mktemp("fleet")
+    for machine in "AB":
+        for label, frequency in (("normal", 100), ("piston", 300)):
+            for number in range(3):
+                write_tone(root / machine / f"{machine}_{label}_{number}.csv", frequency, 4200)
+
+    pattern = "(?P<specimen>[AB])_(?P<label>[a-z]+)_"
+    run("index", root, *FACTS, "--label-pattern", pattern)
+    run("train", root, "--out", root / "m.safetensors", "--test-fraction", 0)
+    return root
 
 
 def usage_error(*arguments: object) -> str:
@@ -80,6 +95,68 @@ def test_calibrate_takes_a_bare_file_whose_operating_point_is_an_option(
 
     # one file cannot be measured at two pressures
     assert "is one recording" in usage_error(*command, "--pressure", "10 MPa")
+
+
+def test_diagnose_asks_for_the_machine_of_a_file_and_takes_it(fleet: Path, tmp_path: Path) -> None:
+    file = write_tone(tmp_path / "new.csv", 300, 4200)
+    command = ("diagnose", fleet / "m.safetensors", file, *FACTS)
+
+    (without,) = run_json(*command)["diagnoses"]
+    (with_machine,) = run_json(*command, "--specimen", "A")["diagnoses"]
+
+    question = "does not specify its machine (specimen)"
+    assert question in " ".join(without["notes"])
+    assert question not in " ".join(with_machine["notes"])
+    # An index states the machine of each recording itself.
+    refusal = usage_error("diagnose", fleet / "m.safetensors", fleet, "--specimen", "A")
+    assert "specifies it for each recording" in refusal
+
+
+@pytest.mark.parametrize(
+    ("name", "n_files"),
+    [
+        pytest.param("flat", 3, id="files in the folder"),
+        pytest.param("days", 2, id="files in folders below"),
+    ],
+)
+def test_diagnose_compares_with_all_files_of_a_folder_without_an_index(
+    fleet: Path, tmp_path: Path, name: str, n_files: int
+) -> None:
+    file = write_tone(tmp_path / "new.csv", 300, 4200)
+    healthy = tmp_path / name
+    for number in range(n_files):
+        day = healthy / f"day {number}" if name == "days" else healthy
+        write_tone(day / f"{number}.csv", 100, 4200)
+    command = ("diagnose", fleet / "m.safetensors", file, *FACTS, "--healthy", healthy)
+
+    (answer,) = run_json(*command)["diagnoses"]
+
+    assert answer["label"] == "piston"
+    notes = " ".join(answer["notes"])
+    assert "was not compared" not in notes
+    assert "Machine this machine" not in notes
+
+
+def test_diagnose_refuses_a_folder_without_recordings_to_compare_with(
+    fleet: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "readme.md").write_text("No recording.")
+    command = ("diagnose", fleet / "m.safetensors", fleet, "--healthy", tmp_path)
+
+    message = one_line(run(*command, code=3))
+
+    assert "has neither an index (recordings.toml) nor a file that can be read" in message
+
+
+def test_train_and_diagnose_report_why_a_model_does_not_compare(folder: Path) -> None:
+    out = folder / "again.safetensors"
+
+    trained = run("train", folder, "--out", out, *WINDOW, "--test-fraction", 0, *TINY)
+    refusal = run("diagnose", out, folder, "--healthy", folder, code=3)
+
+    reason = "does not compare with healthy recordings of a machine: its network was named"
+    assert reason in " ".join(trained.stderr.split())
+    assert reason in one_line(refusal)
 
 
 @pytest.mark.parametrize("command", ["train", "data split", "evaluate"])

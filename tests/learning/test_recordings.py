@@ -183,8 +183,57 @@ def test_a_recording_that_is_not_a_baseline_is_refused(classifier, change, error
 
 def test_a_selected_network_does_not_compare_with_a_baseline() -> None:
     classifier = FaultClassifier("band_powers", window=2048).fit(machine("A"))
-    with pytest.raises(InputError, match="does not compare with healthy recordings"):
+    with pytest.raises(InputError, match=r"of a machine: its network was named.* omit healthy"):
         classifier.with_healthy(machine("G")[:2])
+
+
+@pytest.mark.parametrize(
+    ("recordings", "reason"),
+    [
+        pytest.param(
+            [*machine("A"), *machine("B", "nppp")],
+            "requires two healthy recordings of each machine, but has fewer of one machine, B",
+            id="one healthy recording of a machine",
+        ),
+        pytest.param(
+            machine("A", "nnnpppnnnppp"),
+            "recordings of each class on at least two specified machines",
+            id="one machine",
+        ),
+        pytest.param(machine("A", "np"), "too few recordings of a class", id="few recordings"),
+        pytest.param(
+            [
+                recording.replace(signal=recording.signal[:, :4000])
+                for recording in (*machine("A"), *machine("B"))
+            ],
+            "shorter than 4096 samples",
+            id="short recordings",
+        ),
+    ],
+)
+def test_training_reports_why_a_model_cannot_compare_with_healthy_recordings(
+    recordings: list[Recording], reason: str
+) -> None:
+    classifier = FaultClassifier().fit(recordings)
+
+    (note,) = [note for note in classifier.notes_ if "does not compare" in note]
+    assert reason in note
+    with pytest.raises(InputError, match=reason):
+        classifier.with_healthy(machine("G")[:2])
+
+
+def test_a_recording_without_a_machine_is_asked_for_it(classifier) -> None:
+    assert not any("does not compare" in note for note in classifier.notes_)
+
+    recording = machine("A")[1]
+    (note,) = [
+        note
+        for note in classifier.diagnose(recording.replace(specimen=None)).notes
+        if "does not specify its machine (specimen)" in note
+    ]
+
+    assert "3 machines: A, B, C" in note
+    assert not any("(specimen)" in note for note in classifier.diagnose(recording).notes)
 
 
 def test_recordings_without_a_machine_are_of_the_machine_of_the_healthy_ones(classifier) -> None:

@@ -18,7 +18,15 @@ from swashtwin.cli.console import (
     print_text,
     require_existing,
 )
-from swashtwin.cli.options import Json, ModelFile, Reading, Sources, reads_files, require_index
+from swashtwin.cli.options import (
+    Json,
+    ModelFile,
+    Reading,
+    Sources,
+    reads_files,
+    require_index,
+    without_none,
+)
 from swashtwin.cli.outputs import Force, Report, require_page, write_page
 from swashtwin.cli.sources import load_sources
 from swashtwin.cli.training import confidence_advice
@@ -57,9 +65,14 @@ def diagnose(
         typer.Option(
             metavar="FOLDER|INDEX",
             help="Healthy recordings of the machine, with which a classifier compares. Recordings "
-            "of other classes in it are ignored.",
+            "of other classes in it are ignored. All files of a folder without an index are "
+            "healthy.",
             callback=require_index,
         ),
+    ] = None,
+    specimen: Annotated[
+        str | None,
+        typer.Option(help="Machine of the files, to compare with its healthy recordings."),
     ] = None,
     pistons: Annotated[
         int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")
@@ -77,9 +90,12 @@ def diagnose(
 
     require_page(report, inputs=[model, *paths], force=force)
     trained = load_model(model)
-    recordings = load_sources(paths, **reading)
+    facts = reading | without_none(specimen=specimen)
+    recordings = load_sources(paths, **facts)
     if healthy is not None:
-        trained, recordings = compare_with_healthy(trained, load_sources([healthy]), recordings)
+        trained, recordings = compare_with_healthy(
+            trained, _load_healthy(healthy, facts), recordings
+        )
         for text in trained.notes_:
             print_note(f"note: {text}")
 
@@ -118,6 +134,27 @@ def diagnose(
     print_result(result, as_json, show)
     if any(verdict.label is None for verdict in verdicts):
         raise typer.Exit(NO_VERDICT)
+
+
+def _load_healthy(source: Path, facts: dict[str, Any]) -> "list[Recording]":
+    """Load the recordings of an index, or the files of a folder without one.
+
+    Parameters
+    ----------
+    facts : facts of such files.
+    """
+    from swashtwin.foundation import DataError
+    from swashtwin.recordings import INDEX_NAME, find_readable_files
+
+    if not source.is_dir() or (source / INDEX_NAME).is_file():
+        return load_sources([source])
+    files = find_readable_files(source)
+    if not files:
+        raise DataError(
+            f"{source} has neither an index ({INDEX_NAME}) nor a file that can be read.",
+            field="healthy",
+        )
+    return load_sources(files, **facts)
 
 
 def _collect_evidence(

@@ -13,7 +13,11 @@ import swashtwin.learning as learning
 from swashtwin.diagnosis.classifier_file import load_classifier_parts, save_classifier
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
-from swashtwin.diagnosis.reasons import describe_single_machine_faults
+from swashtwin.diagnosis.reasons import (
+    UNNAMED_MACHINE,
+    describe_missing_comparison,
+    describe_single_machine_faults,
+)
 from swashtwin.diagnosis.recording_arguments import (
     as_recordings,
     relabel_recordings,
@@ -214,9 +218,12 @@ class FaultClassifier(Estimator):
             resemblance = None
             prior_note = NO_CONFIDENCE_NOTE
 
-        machine_note = ""
+        machine_notes: tuple[str, ...] = ()
         if as_recordings(X) is not None:
-            machine_note = describe_single_machine_faults(fitted.training_reference)
+            machine_notes = (
+                describe_single_machine_faults(fitted.training_reference),
+                describe_missing_comparison(fitted),
+            )
 
         self.fitted_ = replace(fitted, fault_of=dict(self.fault_of or {}))
         self.resemblance_ = resemblance
@@ -224,7 +231,7 @@ class FaultClassifier(Estimator):
         self.n_synthetic_ = int(data.training.synthetic.sum())
         self.held_out_ = data.test_recordings
         self.validation_ = data.validation_recordings
-        notes = (*data.notes, *class_notes, prior_note, machine_note)
+        notes = (*data.notes, *class_notes, prior_note, *machine_notes)
         self.notes_ = tuple(note for note in notes if note)
         self._set_classes(data.training.classes)
         return self
@@ -554,7 +561,7 @@ def compare_with_healthy(
     compared = list(recordings)
     machines = {recording.specimen or "" for recording in healthy}
     if len(machines) == 1:
-        machine = machines.pop() or "this machine"
+        machine = machines.pop() or UNNAMED_MACHINE
         healthy = [recording.replace(specimen=machine) for recording in healthy]
         compared = [
             recording if recording.specimen else recording.replace(specimen=machine)

@@ -514,10 +514,11 @@ class PriorClassifier:
             notes = (note,)
         if specimen not in self.specimen:
             machines = sorted({name or "an unnamed machine" for name in self.specimen})
+            of_machine = f"of the machine {specimen}" if specimen else "without a machine"
             raise DataError(
-                f"No healthy recording is of the machine {recording.specimen or 'without a name'}, "
-                f"only of {', '.join(machines) or 'no machine'}. Specify the machine of the "
-                "recording in an index."
+                f"No healthy recording is {of_machine}, only of {', '.join(machines)}.",
+                remedy="Specify the machine (specimen) of the recording, in the index or for the "
+                "file.",
             )
 
         pressure = specified_pressure(recording)

@@ -6,12 +6,13 @@ the machine.
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.learning import (
+    MIN_STRETCH_SAMPLES,
     DeviatingStatistic,
     FittedClassifier,
     TrainingReference,
@@ -39,6 +40,9 @@ _UNIT_TOLERANCE_DB = 0.7
 # Share of a channel that no other channel explains, as -10 log10, from which one signal may be
 # recorded twice [dB]: a correlation of 0.99.
 _DUPLICATE_SIMILARITY_DB = 17.0
+
+UNNAMED_MACHINE = "this machine"
+"""Machine of healthy recordings that do not specify theirs, and of what is compared with them."""
 
 _MAX_REASONS = 6
 _MAX_LISTED_VALUES = 6
@@ -162,24 +166,62 @@ def describe_untrained_machine(
     if not always and not (specimen and single_machine_classes(reference)):
         return ""
 
-    if len(trained) == 1:
-        machines = f"one machine, {trained[0]}"
-    elif len(trained) <= _MAX_LISTED_MACHINES:
-        machines = f"{len(trained)} machines: {', '.join(trained)}"
-    else:
-        machines = f"{len(trained)} machines, {trained[0]} to {trained[-1]}"
-
+    machines = _list_machines(trained)
     if not specimen:
         return (
             f"The recording does not specify its machine, and the training covers {machines}. If "
             "it is of another machine, the difference may be due to the machine."
         )
+    subject = "This machine" if specimen == UNNAMED_MACHINE else f"Machine {specimen}"
     return (
-        f"Machine {specimen} is not in the training, which covers {machines}. Machines differ as "
+        f"{subject} is not in the training, which covers {machines}. Machines differ as "
         f"much as faults do, so the difference need not be a fault. To find out, use healthy "
         f"recordings of {specimen}: in the training, for an anomaly detector, or to adapt a pump "
         "prior (swashtwin model adapt)."
     )
+
+
+def _list_machines(names: Sequence[str]) -> str:
+    """Return the number and the names of machines in order, the first and last of many."""
+    if len(names) == 1:
+        return f"one machine, {names[0]}"
+    if len(names) <= _MAX_LISTED_MACHINES:
+        return f"{len(names)} machines: {', '.join(names)}"
+    return f"{len(names)} machines, {names[0]} to {names[-1]}"
+
+
+def describe_missing_comparison(classifier: FittedClassifier) -> str:
+    """Describe why a model cannot compare with healthy recordings; empty if it can."""
+    reason = _comparison_obstacle(classifier)
+    if not reason:
+        return ""
+    return f"The model does not compare with healthy recordings of a machine: {reason}."
+
+
+def _comparison_obstacle(classifier: FittedClassifier) -> str:
+    """Return what in the training prevents heads on changes from healthy recordings."""
+    choice = classifier.choice
+    model = classifier.recordings
+    reference = classifier.training_reference
+    if choice is None:
+        return "its network was named, so that no model of whole recordings was trained"
+    if model is not None and model.on_changes is not None:
+        return ""
+    if choice.reason:
+        return choice.reason
+    if choice.group != "specimen":
+        return "it requires recordings of each class on at least two specified machines"
+    if model is None or reference is None:
+        return f"a recording is shorter than {MIN_STRETCH_SAMPLES} samples. Record longer ones"
+
+    machines = sorted(set(reference.specimen) - set(model.healthy.machines()))
+    if machines:
+        names = [name or "not specified" for name in machines]
+        return (
+            "it requires two healthy recordings of each machine, but has fewer of "
+            f"{_list_machines(names)}"
+        )
+    return "a class has synthetic recordings only"
 
 
 def describe_healthy_gain(classifier: FittedClassifier, specimen: str) -> str:
@@ -191,6 +233,12 @@ def describe_healthy_gain(classifier: FittedClassifier, specimen: str) -> str:
     choice = classifier.choice
     if model is None or model.on_changes is None or choice is None or model.knows(specimen):
         return ""
+    if not specimen:
+        machines = model.healthy.machines()
+        return (
+            "The recording does not specify its machine (specimen), so that it was not compared "
+            f"with healthy recordings of it. The model has some of {_list_machines(machines)}."
+        )
     without_baseline = choice.head_recalls["without baseline"]
     with_baseline = choice.head_recalls["with baseline"]
     if choice.group != "specimen" or with_baseline <= without_baseline:
@@ -201,7 +249,7 @@ def describe_healthy_gain(classifier: FittedClassifier, specimen: str) -> str:
     most = max(counts)
     n_healthy = f"{fewest}" if fewest == most else f"{fewest} to {most}"
     return (
-        f"The model has no healthy recordings of {specimen or 'this machine'}. Recall on held-out "
+        f"The model has no healthy recordings of {specimen}. Recall on held-out "
         f"machines: {100 * without_baseline:.0f} % without healthy recordings of the machine, "
         f"{100 * with_baseline:.0f} % with {n_healthy} of them. Pass some as healthy."
     )

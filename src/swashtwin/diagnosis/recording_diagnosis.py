@@ -11,6 +11,7 @@ from swashtwin.diagnosis.healthy_spectrum import classifier_spectrum
 from swashtwin.diagnosis.reasons import (
     describe_deviations,
     describe_healthy_gain,
+    describe_missing_comparison,
     describe_untrained_machine,
 )
 from swashtwin.diagnosis.recording_arguments import require_layout
@@ -345,10 +346,9 @@ def add_healthy_recordings(
     recording_model = classifier.recordings
     if recording_model is None or recording_model.on_changes is None:
         raise InputError(
-            "The model does not compare with healthy recordings: its network was named, its "
-            "recordings were short, or a machine of its training has fewer than two healthy ones. "
-            "Train it again, or leave the healthy recordings out.",
+            describe_missing_comparison(classifier),
             field="healthy",
+            remedy="Train it again, or omit {healthy}.",
         )
     for recording in healthy:
         _require_healthy(classifier, recording)
@@ -386,8 +386,9 @@ def _require_healthy(classifier: FittedClassifier, recording: Recording) -> None
     if not recording.specimen:
         raise InputError(
             f"{recording.recording_id} does not specify its machine, so nothing can be compared "
-            "with it. Specify its machine (specimen) in the index.",
+            "with it.",
             field="healthy",
+            remedy="Specify its machine (specimen), in the index or for the file.",
         )
     if recording.label is not None and not is_healthy(recording.label):
         raise InputError(

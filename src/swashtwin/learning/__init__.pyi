@@ -65,6 +65,7 @@ from .training.confidence import min_validation_recordings as min_validation_rec
 from .training.confidence import pooled_probabilities as pooled_probabilities
 from .training.confidence import validation_share as validation_share
 from .training.fitting import fit as fit
+from .training.recording_fitting import MIN_STRETCH_SAMPLES as MIN_STRETCH_SAMPLES
 from .training.training_data import TrainingData as TrainingData
 from .training.training_data import prepare_training_data as prepare_training_data
 from .training.training_reference import DeviatingStatistic as DeviatingStatistic

@@ -10,6 +10,7 @@ from .dataset_checks import healthy_class_findings as healthy_class_findings
 from .dataset_checks import layout_findings as layout_findings
 from .entry import Entry as Entry
 from .file_formats import WRITABLE_SUFFIXES as WRITABLE_SUFFIXES
+from .file_formats import find_readable_files as find_readable_files
 from .file_formats import open_raw as open_raw
 from .file_formats import register_format as register_format
 from .file_formats import stem_of as stem_of

@@ -94,6 +94,17 @@ def stem_of(path: Path) -> str:
     return path.name[: -len(suffix)] if suffix else path.name
 
 
+def find_readable_files(folder: Path) -> list[Path]:
+    """Return the files below a folder whose suffix can be read, in order, without hidden ones."""
+    readable_suffixes = suffixes()
+    files = []
+    for path in sorted(folder.rglob("*")):
+        is_visible_file = path.is_file() and not path.name.startswith(".")
+        if is_visible_file and suffix_of(path) in readable_suffixes:
+            files.append(path)
+    return files
+
+
 def open_raw(path: Path, options: ReadOptions) -> RawFile:
     """Return the content of a file; columns are read when sliced, if the format allows it.
 

@@ -21,7 +21,7 @@ from swashtwin.recordings.fact_extraction import (
     pressures_without_unit,
     read_fact_table,
 )
-from swashtwin.recordings.file_formats import open_raw, stem_of, suffix_of, suffixes
+from swashtwin.recordings.file_formats import find_readable_files, open_raw, stem_of, suffixes
 from swashtwin.recordings.findings import Finding, join_names
 from swashtwin.recordings.formats.raw_file import RawFile
 from swashtwin.recordings.formats.sample_units import require_sample_unit
@@ -192,12 +192,7 @@ def _select_files(
     if table_facts is not None:
         names = list(table_facts)
     else:
-        names = []
-        readable_suffixes = suffixes()
-        for path in sorted(folder.rglob("*")):
-            is_visible_file = path.is_file() and not path.name.startswith(".")
-            if is_visible_file and suffix_of(path) in readable_suffixes:
-                names.append(path.relative_to(folder).as_posix())
+        names = [path.relative_to(folder).as_posix() for path in find_readable_files(folder)]
 
     if not include:
         return names

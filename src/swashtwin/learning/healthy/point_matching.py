@@ -71,8 +71,7 @@ def match_point(recording: Recording, points: Sequence[Point]) -> tuple[int, tup
         raise DataError(
             f"Healthy recordings are of {len(candidates)} machines and operating points "
             f"({listed}), and {recording.recording_id} does not specify its {missing_text}.",
-            remedy="Specify the machine in an index; speed and pressure there, or with {speed} and "
-            "{pressure}.",
+            remedy=f"Specify the {missing_text} of the recording, in the index or for the file.",
         )
     if not missing_facts:
         return candidates[0], ()

@@ -29,7 +29,7 @@ from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy
 from swashtwin.signals import NoiseKind
 
-MIN_SAMPLES = 4096
+MIN_STRETCH_SAMPLES = 4096
 """Samples of the shortest recording from which whole recordings are classified."""
 MIN_SNR_DB = -2.5
 """Lowest signal-to-noise ratio of the noisy copies that heads are trained on."""
@@ -159,7 +159,7 @@ def fit_recordings(
         are the same.
     """
     shortest = shortest_stretch(windows)
-    if shortest < MIN_SAMPLES:
+    if shortest < MIN_STRETCH_SAMPLES:
         return None
     layout = RecordingBandLayout.of(windows, shortest)
     tables = _TrainingTables(windows, layout, seed)

@@ -117,6 +117,56 @@ def test_lost_samples_are_no_batches(tmp_path: Path) -> None:
     assert "the time column has gaps" in message
 
 
+def with_header(path: Path, header: str, times: np.ndarray) -> Path:
+    """Write a table of times [s] and accelerations below header lines."""
+    write_table(path, {"time [s]": times, "acc [g]": vibration(len(times))})
+    path.write_text(f"{header}\n{path.read_text(encoding='utf-8')}", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("header", "stretch"),
+    [
+        pytest.param("Sampling frequency [Hz]: 2000", 0.2, id="short steps within a batch"),
+        pytest.param("# Sample rate: 2 kHz", 0.0, id="one time for a batch"),
+        pytest.param("Abtastrate: 2000 Hz", 0.97, id="steps nearly right"),
+    ],
+)
+def test_the_rate_of_a_header_overrules_a_clock_of_batches(
+    tmp_path: Path, header: str, stretch: float
+) -> None:
+    path = with_header(tmp_path / "a.csv", header, batched(3000, 2000.0, 50, stretch))
+
+    recording = load_recording(path)
+
+    assert recording.sample_rate == 2000
+    assert recording.attributes["batch_columns"] == "time"
+    assert errors_of(path) == []
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        pytest.param(batched(3000, 4000.0, 50, 0.2), id="batches of another rate"),
+        pytest.param(np.arange(3000) / 4000, id="even steps of another rate"),
+    ],
+)
+def test_a_header_that_contradicts_the_mean_of_its_clock_is_refused(
+    tmp_path: Path, times: np.ndarray
+) -> None:
+    path = with_header(tmp_path / "a.csv", "Sampling frequency [Hz]: 2000", times)
+
+    with pytest.raises(DataError, match="states two sample rates"):
+        load_recording(path)
+
+
+def test_a_named_time_column_overrules_the_rate_of_a_header(tmp_path: Path) -> None:
+    times = batched(3000, 2000.0, 50, 0.2)
+    path = with_header(tmp_path / "a.csv", "Sampling frequency [Hz]: 2000", times)
+
+    assert load_recording(path, time_column="time").sample_rate == 10_000
+
+
 def test_a_rate_that_contradicts_batches_is_refused() -> None:
     with pytest.raises(DataError, match="5050 Hz"):
         load_recording(CASES / "K13-batch_short.csv", sample_rate="4.4 kHz")

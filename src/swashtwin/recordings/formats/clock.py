@@ -87,10 +87,12 @@ class _Clock:
     problem: str
     """What is wrong with the times, or empty."""
     is_overruled: bool = False
-    """Whether the specified rate counts, since the times were written in batches."""
+    """Whether the stated rate counts, since the times were written in batches."""
 
 
-def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
+def extract_time(
+    path: Path, raw: RawFile, options: ReadOptions, header_rate: float | None = None
+) -> RawFile:
     """Return the columns without clocks, which become the rates, and without counters.
 
     A column is a clock if the options or its name say so, or if it rises evenly and has no unit of
@@ -98,6 +100,10 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
     one before a column holds for it. A counter states no rate, but samples that it skips are lost.
     If a clock states no rate, the attribute ``time_gaps`` says why. If a clock begins again,
     another recording begins.
+
+    Parameters
+    ----------
+    header_rate : sample rate [Hz] that a header states and `raw` does not have yet.
     """
     raw = settle_axes(path, raw, options)
     require_recording_shape(path, raw.columns, options)
@@ -111,10 +117,11 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
         raw = separate_rows(raw, clock_name, partial(read_time_column, path, unit=unit))
         clock_names = [clock_name] if clock_name in raw.columns else []
 
+    stated_rate = _stated_rate(raw, options, header_rate)
     clocks: dict[str, _Clock] = {}
     for name in clock_names:
         unit = _clock_unit(path, raw, name, options)
-        clock = _read_clock(path, raw.columns[name], unit, options)
+        clock = _read_clock(path, raw.columns[name], unit, stated_rate)
         if _is_guessed(raw, name, options) and not _agrees(clock, options):
             clock = _Clock(unit, None, "")
         clocks[name] = clock
@@ -160,8 +167,25 @@ def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
     )
 
 
-def _read_clock(path: Path, column: Column, unit: float | None, options: ReadOptions) -> _Clock:
-    """Return the rate that a clock shows, or the specified one if its times agree in batches."""
+def _stated_rate(raw: RawFile, options: ReadOptions, header_rate: float | None) -> float | None:
+    """Return the sample rate [Hz] of the options, or else the only one of the file.
+
+    That of the file does not count if the options name the time column.
+    """
+    if options.sample_rate is not None:
+        with suppress(UnitError):
+            return parse_quantity(options.sample_rate, "Hz")
+        return None
+    if options.time_column is not None:
+        return None
+    file_rates = {*raw.rates.values(), raw.sample_rate, header_rate} - {None}
+    return file_rates.pop() if len(file_rates) == 1 else None
+
+
+def _read_clock(
+    path: Path, column: Column, unit: float | None, stated_rate: float | None
+) -> _Clock:
+    """Return the rate that a clock shows, or the stated one if its times agree in batches."""
     clock = None
     error = None
     try:
@@ -171,11 +195,12 @@ def _read_clock(path: Path, column: Column, unit: float | None, options: ReadOpt
     if clock is not None and clock.rate is not None and not clock.problem:
         return clock
 
-    if options.sample_rate is not None:
-        with suppress(UnitError):
-            rate = parse_quantity(options.sample_rate, "Hz")
-            if rate > 0 and is_batched(read_times(column, unit or 1.0), 1 / rate):
-                return _Clock(unit, rate, "", is_overruled=True)
+    if (
+        stated_rate is not None
+        and stated_rate > 0
+        and is_batched(read_times(column, unit or 1.0), 1 / stated_rate)
+    ):
+        return _Clock(unit, stated_rate, "", is_overruled=True)
     if error is not None:
         raise error
     assert clock is not None

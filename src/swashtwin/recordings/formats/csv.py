@@ -128,7 +128,8 @@ class _Table:
         if is_stamp_time or options.time_column is not None:
             options = replace(options, time_column=time)
 
-        raw = extract_time(self._path, RawFile(columns, None, units, attributes), options)
+        raw = RawFile(columns, None, units, attributes)
+        raw = extract_time(self._path, raw, options, header_rate=self._sampling_rate())
         raw = self._with_header_facts(raw, columns, options)
         return replace(raw, breaks=tuple(self._breaks) or raw.breaks)
 
@@ -176,12 +177,7 @@ class _Table:
         if len(texts) == len(channels):
             sensitivities = dict(zip(channels, texts, strict=True))
 
-        sampling_pairs = [
-            (name, text)
-            for name, text in pairs
-            if re.match(r"fs|sampl|abtast", name, re.IGNORECASE)
-        ]
-        sampling_rate = header_rate(sampling_pairs)
+        sampling_rate = self._sampling_rate()
         if raw.sample_rate and sampling_rate and options.time_column is None:
             clock = next(iter(columns.keys() - raw.columns.keys()))
             require_one_rate(self._path, channels[0], sampling_rate, raw.sample_rate, clock)
@@ -197,6 +193,15 @@ class _Table:
             sensitivities=sensitivities,
             attributes=attributes,
         )
+
+    def _sampling_rate(self) -> float | None:
+        """Return the rate [Hz] that a header line states by a name of sampling."""
+        sampling_pairs = [
+            (name, text)
+            for name, text in parse_header(self._header)
+            if re.match(r"fs|sampl|abtast", name, re.IGNORECASE)
+        ]
+        return header_rate(sampling_pairs)
 
     def _parse_columns(
         self,

@@ -206,8 +206,12 @@ def test_evaluate_excludes_copies_and_reports_the_share_of_unknown_recordings(
     run("index", strange, *FACTS)
 
     notes = " ".join(run("evaluate", model, strange).stderr.split())
-    unknown_share = run_json("evaluate", model, strange)["confidence"]["called_unknown"]
+    answer = run_json("evaluate", model, strange)
+    unknown_share = answer["confidence"]["called_unknown"]
+    unknown = answer["confidence"]["unknown"]
 
     assert "excluded: recording normal_9, a copy of normal_1, altered or not," in notes
     assert unknown_share > 0
-    assert f"diagnose would report {unknown_share:.0%} of these recordings as unknown" in notes
+    assert len(unknown) == unknown_share * answer["n_recordings"]
+    share_and_names = f"{unknown_share:.0%} of these recordings as unknown ({', '.join(unknown)})"
+    assert f"diagnose would report {share_and_names}" in notes

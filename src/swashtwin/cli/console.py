@@ -107,11 +107,15 @@ def print_merged_notes(notes: Iterable[tuple[str, str]], kind: str = "note") -> 
         if len(names) == 1:
             subject = names[0]
         else:
-            listed = ", ".join(names[:MAX_NAMES_IN_NOTE])
-            n_unlisted = len(names) - MAX_NAMES_IN_NOTE
-            more = f" and {n_unlisted} more" if n_unlisted > 0 else ""
-            subject = f"in {len(names)} recordings ({listed}{more})"
+            subject = f"in {len(names)} recordings ({list_names(names)})"
         print_note(f"{kind}: {subject}: {text}")
+
+
+def list_names(names: Sequence[str]) -> str:
+    """Return the first names (`MAX_NAMES_IN_NOTE`), and how many more there are."""
+    listed = ", ".join(names[:MAX_NAMES_IN_NOTE])
+    n_unlisted = len(names) - MAX_NAMES_IN_NOTE
+    return f"{listed} and {n_unlisted} more" if n_unlisted > 0 else listed
 
 
 def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

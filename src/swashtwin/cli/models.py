@@ -1,6 +1,6 @@
 """Commands of saved models: evaluate, model export, model adapt, and twin prior."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,6 +8,8 @@ import typer
 
 from swashtwin.cli.console import (
     format_label,
+    list_names,
+    print_merged_notes,
     print_note,
     print_result,
     print_table,
@@ -26,7 +28,7 @@ from swashtwin.cli.outputs import (
 from swashtwin.foundation import InputError, plural
 
 if TYPE_CHECKING:
-    from swashtwin.diagnosis import AlarmScores
+    from swashtwin.diagnosis import AlarmScores, Exclusion
     from swashtwin.learning import ConfidenceScores, Scores
 
 _PRIOR_MARKS = artifact_marks("prior classifier")
@@ -57,37 +59,28 @@ def evaluate(
     as_json: Json = False,
 ) -> None:
     """Score a model on the recordings of an index that it was not trained on."""
-    import swashtwin.learning as learning
-    from swashtwin.diagnosis import FaultClassifier, load_model
+    from swashtwin.diagnosis import FaultClassifier, evaluate_model, load_model
+    from swashtwin.learning import Scores
     from swashtwin.recordings import load_recordings
 
     require_page(report, inputs=[model, source], force=force)
     trained = load_model(model)
-    recordings = load_recordings(source)
-
-    confidence: ConfidenceScores | None = None
-    scores: Scores | AlarmScores
     with progress("evaluating"):
-        test_recordings, seen = learning.unseen_recordings(trained.manifest, recordings)
-        if isinstance(trained, FaultClassifier):
-            reference = trained.fitted_.training_reference
-            split = (
-                None if reference is None else learning.split_between(reference, test_recordings)
-            )
-            windows = trained.cut_windows(test_recordings)
-            scores = trained.evaluate(windows, split=split)
-            if trained.fitted_.confidence is not None:
-                confidence = learning.score_confidence(trained.fitted_, windows)
-        else:
-            scores = trained.evaluate(test_recordings)
+        evaluation = evaluate_model(trained, load_recordings(source))
 
-    _print_exclusions(seen, n_synthetic=len(recordings) - len(test_recordings) - len(seen))
+    scores = evaluation.scores
+    confidence = evaluation.confidence
+    for exclusion in evaluation.excluded:
+        _print_exclusion(exclusion)
     page = write_page(
-        report, scores, recordings=test_recordings, about={"Model": model, "Test": source}
+        report,
+        scores,
+        recordings=evaluation.recordings,
+        about={"Model": model, "Test": source, **_count_excluded(evaluation.excluded)},
     )
 
     def show() -> None:
-        if isinstance(scores, learning.Scores):
+        if isinstance(scores, Scores):
             _print_scores(scores, confidence)
         else:
             _print_alarm_scores(scores)
@@ -96,7 +89,8 @@ def evaluate(
 
     result: dict[str, Any] = {
         "model": model,
-        "recordings": [recording.recording_id for recording in test_recordings],
+        "recordings": [recording.recording_id for recording in evaluation.recordings],
+        "excluded": [exclusion.to_dict() for exclusion in evaluation.excluded],
         **scores.to_dict(),
     }
     if isinstance(trained, FaultClassifier):
@@ -104,24 +98,45 @@ def evaluate(
     print_result({**result, "report": page}, as_json, show)
 
 
-def _print_exclusions(seen: Mapping[str, str], n_synthetic: int) -> None:
-    """Print which recordings were not scored.
+# What is printed of excluded recordings after their number, by reason.
+_EXCLUSIONS = {
+    "synthetic": "made by a model",
+    "in training": "that the model was trained on",
+    "no class": "without a class",
+    "untrained class": "of classes that the model was not trained on",
+    "unusable": "that cannot be used",
+}
 
-    Parameters
-    ----------
-    seen : recordings that the model was trained on, with their names at the training.
-    n_synthetic : number of synthetic recordings.
-    """
+
+def _print_exclusion(exclusion: "Exclusion") -> None:
+    """Print which recordings were not scored for one reason."""
     from swashtwin.recordings import describe_copies
 
-    if seen:
-        print_note(f"excluded: {plural(len(seen), 'recording')} that the model was trained on.")
-    for name, trained_name in seen.items():
-        if name != trained_name:
-            copy = describe_copies({name: trained_name})
-            print_note(f"excluded: {copy}, which the model was trained on.")
-    if n_synthetic:
-        print_note(f"excluded: {plural(n_synthetic, 'synthetic recording')}.")
+    recordings = exclusion.recordings
+    count = plural(len(recordings), "recording")
+    line = f"excluded: {count} {_EXCLUSIONS[exclusion.reason]}"
+    if exclusion.reason == "untrained class":
+        line += f", {', '.join(map(format_label, sorted(set(recordings.values()))))}"
+    print_note(f"{line} ({list_names(list(recordings))}).")
+
+    if exclusion.reason == "in training":
+        copies = {name: trained for name, trained in recordings.items() if name != trained}
+        if copies:
+            print_note(f"excluded: {describe_copies(copies)} had a part in the training.")
+    if exclusion.reason == "unusable":
+        # Without the recording's name in each reason, equal reasons are one line.
+        reasons = [
+            (name, detail.removeprefix(name).lstrip(" ,:")) for name, detail in recordings.items()
+        ]
+        print_merged_notes(reasons, "excluded")
+
+
+def _count_excluded(excluded: "Sequence[Exclusion]") -> dict[str, str]:
+    """Return the fact of a page on what was not scored; empty if all recordings were."""
+    counts = [
+        f"{len(exclusion.recordings)} {_EXCLUSIONS[exclusion.reason]}" for exclusion in excluded
+    ]
+    return {"Not scored": "; ".join(counts)} if counts else {}
 
 
 def _print_alarm_scores(scores: "AlarmScores") -> None:
@@ -174,13 +189,19 @@ def _score_title(name: str) -> str:
 def _print_scores(scores: "Scores", confidence: "ConfidenceScores | None") -> None:
     windows = plural(scores.n_windows, "window")
     recordings = plural(scores.n_recordings, "recording")
+    denominators = {
+        "accuracy": f"of {windows}",
+        "recording_accuracy": f"of {recordings}",
+    }
+    rows = []
+    for name in _SCORE_NAMES:
+        remarks = (denominators.get(name, ""), scores.reasons.get(name, ""))
+        remark = "; ".join(text for text in remarks if text)
+        rows.append((_score_title(name), getattr(scores, name), remark))
     print_table(
         f"{windows} of {recordings}, split {scores.split or 'not specified'}",
         ("score", "value", ""),
-        [
-            (_score_title(name), getattr(scores, name), scores.reasons.get(name, ""))
-            for name in _SCORE_NAMES
-        ],
+        rows,
     )
     low, high = scores.accuracy_interval
     print_text(f"95 % interval of the accuracy, over recordings: {low:.3f} to {high:.3f}")
@@ -206,7 +227,8 @@ def _print_scores(scores: "Scores", confidence: "ConfidenceScores | None") -> No
     if confidence.called_unknown > 0:
         print_note(
             f"diagnose would report {confidence.called_unknown:.0%} of these recordings as "
-            "unknown; the scores count the most probable class of each instead."
+            f"unknown ({list_names(confidence.unknown)}); the scores count the most probable class "
+            "of each instead."
         )
 
 

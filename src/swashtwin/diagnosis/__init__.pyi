@@ -13,6 +13,8 @@ from .evidence import explain as explain
 from .fault_classifier import FaultClassifier as FaultClassifier
 from .fault_classifier import compare_with_healthy as compare_with_healthy
 from .healthy_spectrum import HealthySpectrum as HealthySpectrum
+from .model_evaluation import Exclusion as Exclusion
+from .model_evaluation import evaluate_model as evaluate_model
 from .model_loading import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
 from .prior_classifier import PriorClassifier as PriorClassifier

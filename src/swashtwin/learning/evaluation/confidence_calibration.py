@@ -289,6 +289,8 @@ class ConfidenceScores:
     """Mean number of classes in a prediction set."""
     called_unknown: float
     """Share called unknown although their class was trained."""
+    unknown: tuple[str, ...]
+    """Ids of these recordings."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers as JSON can hold them."""
@@ -341,6 +343,7 @@ def score_confidence(classifier: FittedClassifier, test: WindowSet) -> Confidenc
         coverage=float(in_set[rows, target].mean()),
         set_size=float(in_set.sum(axis=1).mean()),
         called_unknown=float(np.mean(is_unknown)),
+        unknown=tuple(np.array(predictions.recording_id)[is_unknown].tolist()),
     )
 
 

@@ -1,0 +1,140 @@
+"""Evaluation of a saved model on recordings, of which each that is not scored has a reason."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+# Through the room, whose door imports a scoring function only when it is called.
+import swashtwin.learning as learning
+from swashtwin.diagnosis.alarm_scores import AlarmScores
+from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
+from swashtwin.diagnosis.fault_classifier import FaultClassifier
+from swashtwin.diagnosis.prior_classifier import PriorClassifier
+from swashtwin.diagnosis.recording_arguments import require_layout
+from swashtwin.foundation import DataError, InputError, to_table
+from swashtwin.learning import ConfidenceScores, Scores, WindowSet
+from swashtwin.recordings import Recording
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """Recordings that are not scored, for one reason."""
+
+    reason: str
+    """``"synthetic"``, ``"in training"``, ``"no class"``, ``"untrained class"`` or
+    ``"unusable"``."""
+    recordings: Mapping[str, str]
+    """By id: the name in the training, the class, or why it is unusable; else empty."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON can hold."""
+        table: dict[str, Any] = to_table(self)
+        return table
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Scores of a model, and the recordings that they do and do not rest on."""
+
+    scores: Scores | AlarmScores
+    """Scores on `recordings`."""
+    confidence: ConfidenceScores | None
+    """How well the confidence of a classifier holds; None if it has none."""
+    recordings: tuple[Recording, ...]
+    """Recordings that are scored."""
+    excluded: tuple[Exclusion, ...]
+    """Recordings that are not scored, each for the first reason that applies."""
+
+
+def evaluate_model(
+    model: FaultClassifier | AnomalyDetector | PriorClassifier, recordings: Sequence[Recording]
+) -> Evaluation:
+    """Return the scores of a model on those of some recordings that it can be scored on.
+
+    Raises
+    ------
+    DataError
+        No recording is left to score.
+    """
+    _, in_training = learning.unseen_recordings(model.manifest, recordings)
+    synthetic: dict[str, str] = {}
+    without_class: dict[str, str] = {}
+    of_untrained_class: dict[str, str] = {}
+    candidates: list[Recording] = []
+    for recording in recordings:
+        name = recording.recording_id
+        if recording.synthetic:
+            synthetic[name] = ""
+        elif name in in_training:
+            continue
+        elif recording.label is None:
+            without_class[name] = ""
+        elif isinstance(model, FaultClassifier) and recording.label not in model.fitted_.classes:
+            of_untrained_class[name] = recording.label
+        else:
+            candidates.append(recording)
+
+    unusable: dict[str, str] = {}
+    windows: WindowSet | None = None
+    if isinstance(model, FaultClassifier) and candidates:
+        candidates, windows, unusable = _cut_usable(model, candidates)
+    exclusions = (
+        Exclusion("synthetic", synthetic),
+        Exclusion("in training", in_training),
+        Exclusion("no class", without_class),
+        Exclusion("untrained class", of_untrained_class),
+        Exclusion("unusable", unusable),
+    )
+    excluded = tuple(exclusion for exclusion in exclusions if exclusion.recordings)
+    if not candidates:
+        raise DataError(_describe_nothing_to_score(excluded))
+
+    if not isinstance(model, FaultClassifier):
+        return Evaluation(model.evaluate(candidates), None, tuple(candidates), excluded)
+
+    assert windows is not None
+    reference = model.fitted_.training_reference
+    split = None if reference is None else learning.split_between(reference, candidates)
+    confidence = None
+    if model.fitted_.confidence is not None:
+        confidence = learning.score_confidence(model.fitted_, windows)
+    return Evaluation(model.evaluate(windows, split=split), confidence, tuple(candidates), excluded)
+
+
+def _cut_usable(
+    model: FaultClassifier, recordings: list[Recording]
+) -> tuple[list[Recording], WindowSet | None, dict[str, str]]:
+    """Return the usable recordings, their windows, and why others are unusable, by id."""
+    unusable: dict[str, str] = {}
+    usable: list[Recording] = []
+    for recording in recordings:
+        try:
+            require_layout(model.fitted_.layout, recording)
+            usable.append(recording)
+        except DataError as cause:
+            unusable[recording.recording_id] = str(cause)
+    if not usable:
+        return [], None, unusable
+
+    try:
+        return usable, model.cut_windows(usable), unusable
+    except (DataError, InputError):
+        # Rare, so that recordings are read a second time only to find which ones are unusable.
+        candidates = usable
+    usable = []
+    for recording in candidates:
+        try:
+            model.cut_windows([recording])
+            usable.append(recording)
+        except (DataError, InputError) as cause:
+            unusable[recording.recording_id] = str(cause)
+    return usable, model.cut_windows(usable) if usable else None, unusable
+
+
+def _describe_nothing_to_score(excluded: Sequence[Exclusion]) -> str:
+    parts = []
+    for exclusion in excluded:
+        name, detail = next(iter(exclusion.recordings.items()))
+        example = f"{name}: {detail}" if detail and detail != name else name
+        parts.append(f"{len(exclusion.recordings)} {exclusion.reason} ({example})")
+    return f"No recording can be scored. Excluded: {'; '.join(parts)}."

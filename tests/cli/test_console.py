@@ -157,3 +157,33 @@ def test_no_number_of_a_table_is_cut_on_a_narrow_terminal(
 def test_a_label_of_megabytes_is_cut_in_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     console.print_table("classes", ("class", "recordings"), [("x" * 3_000_000, 1)])
     assert len(capsys.readouterr().out) < 20_000
+
+
+def printed_notes(capsys: pytest.CaptureFixture[str], notes: list[tuple[str, str]]) -> list[str]:
+    console.print_merged_notes(notes)
+    return capsys.readouterr().err.splitlines()
+
+
+def test_notes_of_one_kind_become_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    equal = [(f"r{number}", "It has no speed.") for number in range(78)]
+    differing = [(f"r{number}", f"Level of r{number} is -{number}.5 dB.") for number in range(78)]
+
+    (equal_line,) = printed_notes(capsys, equal)
+    (differing_line,) = printed_notes(capsys, differing)
+
+    assert equal_line == "note: in 78 recordings (r0, r1, r2 and 75 more): It has no speed."
+    assert differing_line == (
+        "note: in 78 recordings (r0, r1, r2 and 75 more), such as r0: Level of r0 is -0.5 dB."
+    )
+
+
+def test_few_notes_that_differ_in_a_number_and_notes_of_other_kinds_stay(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    notes = [("a", "Gain 3 dB."), ("b", "Gain 4 dB."), ("a", "Offset 3 g.")]
+
+    assert printed_notes(capsys, notes) == [
+        "note: a: Gain 3 dB.",
+        "note: b: Gain 4 dB.",
+        "note: a: Offset 3 g.",
+    ]

@@ -321,6 +321,23 @@ def test_a_fault_and_a_copy_among_the_healthy_recordings_are_detected(
     assert "proves nothing" in detector.diagnose(healthy[0]).notes[0]
 
 
+def test_notes_on_many_excluded_recordings_are_one_for_each_kind(
+    healthy: list[Recording],
+) -> None:
+    copies = [healthy[n].replace(recording_id=f"z{n}") for n in range(5)]
+    singles = [recording(f"s{n}").replace(specimen=f"pump {n}") for n in range(4)]
+
+    copy_note, single_note = st.AnomalyDetector().fit([*healthy, *copies, *singles]).notes_
+
+    assert copy_note == (
+        "5 recordings hold the same samples as others and are excluded: z0, z1, z2 and 2 more."
+    )
+    assert single_note == (
+        "4 recordings are the only ones at their operating points and are excluded: s0, s1, s2 and "
+        "1 more."
+    )
+
+
 def test_another_sample_rate_is_refused_with_a_remedy(
     detector: st.AnomalyDetector,
 ) -> None:

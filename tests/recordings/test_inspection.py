@@ -427,3 +427,14 @@ def test_a_recording_inspected_in_parts_has_the_findings_of_the_whole(
             value = getattr(report.channels[0], name)
             expected_value = getattr(expected.channels[0], name)
             assert value == pytest.approx(expected_value, rel=1e-12)
+
+
+def test_many_findings_of_one_kind_about_the_set_are_counted() -> None:
+    unreadable = [Finding("unreadable", "error", None, f"{n}.csv is empty.") for n in range(30)]
+    report = inspect_recordings([healthy_recording()], unreadable=unreadable)
+
+    texts = [text for severity, text in report.merged(by_kind=False) if severity == "error"]
+
+    assert texts == ["0.csv is empty.", "1.csv is empty.", "2.csv is empty. (unreadable: 27 more)"]
+    # The full report has them all.
+    assert len(report.findings) >= len(unreadable)

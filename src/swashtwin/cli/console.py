@@ -8,6 +8,7 @@ import errno
 import io
 import logging
 import math
+import re
 import sys
 import time
 import traceback
@@ -26,10 +27,13 @@ T = TypeVar("T")
 
 MAX_ROWS = 24
 """Rows of recordings that are printed, about one screen; ``--json`` prints all."""
-MAX_NAMES_IN_NOTE = 3
-"""Recordings that a merged note names; the others are counted."""
+MAX_SINGLE_NOTES = 3
+"""Notes that differ in their numbers only and are printed one by one; more become one line."""
 PROGRESS_INTERVAL_S = 20.0
 """Time between two lines of progress in a log file, which has no bar that could be redrawn."""
+
+# A number in a note, with its sign, decimals and exponent.
+_NUMBER = re.compile(r"[-+−]?\d[\d.,]*(?:e[-+]?\d+)?")
 
 # Columns of a table if no terminal limits it.
 _UNLIMITED_WIDTH = 200
@@ -92,30 +96,42 @@ def print_note(text: str) -> None:
 
 
 def print_merged_notes(notes: Iterable[tuple[str, str]], kind: str = "note") -> None:
-    """Print notes on recordings to standard error, and equal notes as one line.
+    """Print notes on recordings to standard error, and notes of one kind as one line.
+
+    These are equal notes, and more than `MAX_SINGLE_NOTES` that differ in numbers only.
 
     Parameters
     ----------
     notes : pairs of a recording's name and the note on it.
     kind : first word of each line.
     """
-    names_by_text: dict[str, list[str]] = {}
+    notes_by_pattern: dict[str, list[tuple[str, str]]] = {}
     for name, text in notes:
-        names_by_text.setdefault(text, []).append(name)
+        # The name may stand in the text, too.
+        pattern = _NUMBER.sub("#", text.replace(name, "#"))
+        notes_by_pattern.setdefault(pattern, []).append((name, text))
 
-    for text, names in names_by_text.items():
-        if len(names) == 1:
-            subject = names[0]
-        else:
-            subject = f"in {len(names)} recordings ({list_names(names)})"
-        print_note(f"{kind}: {subject}: {text}")
+    for group in notes_by_pattern.values():
+        names_by_text: dict[str, list[str]] = {}
+        for name, text in group:
+            names_by_text.setdefault(text, []).append(name)
+
+        if len(names_by_text) > MAX_SINGLE_NOTES:
+            first_name, first_text = group[0]
+            names = list(dict.fromkeys(name for name, _ in group))
+            print_note(f"{kind}: {_note_subject(names)}, such as {first_name}: {first_text}")
+            continue
+        for text, names in names_by_text.items():
+            print_note(f"{kind}: {_note_subject(names)}: {text}")
 
 
-def list_names(names: Sequence[str]) -> str:
-    """Return the first names (`MAX_NAMES_IN_NOTE`), and how many more there are."""
-    listed = ", ".join(names[:MAX_NAMES_IN_NOTE])
-    n_unlisted = len(names) - MAX_NAMES_IN_NOTE
-    return f"{listed} and {n_unlisted} more" if n_unlisted > 0 else listed
+def _note_subject(names: Sequence[str]) -> str:
+    """Return the recordings that a note is on: the only one, or their number and first names."""
+    from swashtwin.recordings import join_names
+
+    if len(names) == 1:
+        return names[0]
+    return f"in {len(names)} recordings ({join_names(names)})"
 
 
 def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

@@ -8,7 +8,6 @@ import typer
 
 from swashtwin.cli.console import (
     format_label,
-    list_names,
     print_merged_notes,
     print_note,
     print_result,
@@ -110,14 +109,14 @@ _EXCLUSIONS = {
 
 def _print_exclusion(exclusion: "Exclusion") -> None:
     """Print which recordings were not scored for one reason."""
-    from swashtwin.recordings import describe_copies
+    from swashtwin.recordings import describe_copies, join_names
 
     recordings = exclusion.recordings
     count = plural(len(recordings), "recording")
     line = f"excluded: {count} {_EXCLUSIONS[exclusion.reason]}"
     if exclusion.reason == "untrained class":
         line += f", {', '.join(map(format_label, sorted(set(recordings.values()))))}"
-    print_note(f"{line} ({list_names(list(recordings))}).")
+    print_note(f"{line} ({join_names(list(recordings))}).")
 
     if exclusion.reason == "in training":
         copies = {name: trained for name, trained in recordings.items() if name != trained}
@@ -224,10 +223,12 @@ def _print_scores(scores: "Scores", confidence: "ConfidenceScores | None") -> No
         if isinstance(value, int | float)
     ]
     print_table("Confidence, by recording", ("score", "value"), figures)
-    if confidence.called_unknown > 0:
+    if confidence.unknown:
+        from swashtwin.recordings import join_names
+
         print_note(
             f"diagnose would report {confidence.called_unknown:.0%} of these recordings as "
-            f"unknown ({list_names(confidence.unknown)}); the scores count the most probable class "
+            f"unknown ({join_names(confidence.unknown)}); the scores count the most probable class "
             "of each instead."
         )
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from swashtwin.cli.console import print_note
+from swashtwin.cli.console import print_merged_notes
 from swashtwin.cli.options import LAYOUT, option_name
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ def load_sources(
 
     recordings: list[Recording] = []
     folders: list[tuple[str, ...]] = []
+    contradictions: list[tuple[str, str]] = []
     for path in paths:
         if is_collection(path, facts):
             loaded = list(load_recordings(path, unreadable=unreadable))
@@ -44,12 +45,13 @@ def load_sources(
             # An inspection reports a contradiction itself.
             contradiction = recording.attributes.get("contradicted")
             if contradiction and unreadable is None:
-                print_note(f"{path}: {contradiction}.")
+                contradictions.append((str(path), f"{contradiction}."))
 
         recordings += loaded
         folder = path if path.is_dir() else path.parent
         folders += [folder.absolute().parts[1:]] * len(loaded)
 
+    print_merged_notes(contradictions)
     _make_ids_unique(recordings, folders)
     return recordings
 

@@ -20,6 +20,7 @@ from .file_loading import load_entry as load_entry
 from .file_loading import load_extra_channel as load_extra_channel
 from .file_loading import load_recording as load_recording
 from .findings import Finding as Finding
+from .findings import join_names as join_names
 from .formats.raw_file import SAMPLE_RATE_RANGE_HZ as SAMPLE_RATE_RANGE_HZ
 from .formats.raw_file import RawFile as RawFile
 from .formats.raw_file import ReadOptions as ReadOptions

@@ -25,6 +25,9 @@ from swashtwin.recordings.window_checks import window_findings
 # Samples of all channels up to which a recording is read once for all checks: 134 MB.
 _MAX_LOADED_VALUES = 1 << 24
 
+# Findings of one kind about the whole set, such as unreadable files, that are listed one by one.
+_MAX_GENERAL_FINDINGS = 3
+
 # Attribute that a reader leaves, kind of the note about it, and the beginning of its message.
 #
 # What was never closed is a warning.
@@ -128,8 +131,7 @@ class InspectionReport:
         sentences = [
             (group[0][1].severity, _merge_group(group, spelling)) for group in groups.values()
         ]
-        sentences += [(finding.severity, finding.describe(spelling)) for finding in self.findings]
-        return tuple(sentences)
+        return (*sentences, *_merge_general(self.findings, spelling))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as nested dicts and tuples.
@@ -140,6 +142,22 @@ class InspectionReport:
             "recordings": [report.to_dict() for report in self.recordings],
             "findings": [finding.to_dict() for finding in self.findings],
         }
+
+
+def _merge_general(findings: Sequence[Finding], spelling: Spelling) -> list[tuple[Severity, str]]:
+    """Return the first findings of each kind, of which the last counts the others."""
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault((finding.severity, finding.kind), []).append(finding)
+
+    sentences = []
+    for group in groups.values():
+        texts = [finding.describe(spelling) for finding in group[:_MAX_GENERAL_FINDINGS]]
+        n_others = len(group) - len(texts)
+        if n_others:
+            texts[-1] += f" ({group[0].kind}: {n_others} more)"
+        sentences += [(group[0].severity, text) for text in texts]
+    return sentences
 
 
 def _merge_group(group: Sequence[tuple[str, Finding]], spelling: Spelling) -> str:
@@ -154,7 +172,8 @@ def _merge_group(group: Sequence[tuple[str, Finding]], spelling: Spelling) -> st
     else:
         channels = first.channel or ""
         source_name = first_id
-        more = f" ({first.kind} in {len(ids) - 1} more recordings)"
+        names = join_names(ids[1:])
+        more = f" ({first.kind} in {plural(len(ids) - 1, 'more recording')}: {names})"
         suffix = more if len(ids) > 1 else ""
 
     if channels:

@@ -1,7 +1,8 @@
 """The baseline: band powers of a machine's healthy recordings, with which new ones are compared."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,6 +33,7 @@ from swashtwin.recordings import (
     Recording,
     build_manifest,
     find_duplicates,
+    join_names,
     layout_findings,
 )
 
@@ -193,10 +195,7 @@ def measure_baseline(
     # A copy would count as agreement between recordings, and narrow the spread.
     manifest = build_manifest(recordings)
     duplicates = find_duplicates(manifest)
-    notes = [
-        f"{name} holds the same samples as {first} and is excluded."
-        for name, first in duplicates.items()
-    ]
+    notes = _describe_duplicates(duplicates)
     distinct = [recording for recording in recordings if recording.recording_id not in duplicates]
 
     speed, pressure = _merged_conditions(distinct)
@@ -251,12 +250,33 @@ def _comparable_rows(
         point = point_key(recording.specimen or "", float(speed[row]), float(pressure[row]))
         points.append(point)
 
-    rows = []
-    notes = []
-    for row, point in enumerate(points):
-        if points.count(point) > 1:
-            rows.append(row)
-        else:
-            name = recordings[row].recording_id
-            notes.append(f"{name} is the only one at {describe_point(point)} and is excluded.")
-    return rows, notes
+    counts = Counter(points)
+    rows = [row for row, point in enumerate(points) if counts[point] > 1]
+    singles = {
+        recordings[row].recording_id: describe_point(point)
+        for row, point in enumerate(points)
+        if counts[point] == 1
+    }
+    if len(singles) > 1:
+        note = (
+            f"{len(singles)} recordings are the only ones at their operating points and are "
+            f"excluded: {join_names(list(singles))}."
+        )
+        return rows, [note]
+    return rows, [
+        f"{name} is the only one at {point} and is excluded." for name, point in singles.items()
+    ]
+
+
+def _describe_duplicates(duplicates: Mapping[str, str]) -> list[str]:
+    """Return a note on copies, which are excluded; none without a copy."""
+    if len(duplicates) > 1:
+        note = (
+            f"{len(duplicates)} recordings hold the same samples as others and are excluded: "
+            f"{join_names(list(duplicates))}."
+        )
+        return [note]
+    return [
+        f"{name} holds the same samples as {first} and is excluded."
+        for name, first in duplicates.items()
+    ]

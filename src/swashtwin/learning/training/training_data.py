@@ -25,6 +25,7 @@ from swashtwin.recordings import (
     find_copies,
     find_duplicates,
     join_manifests,
+    join_names,
 )
 
 
@@ -206,6 +207,12 @@ def _add_synthetic(measured: WindowSet, synthetic: Sequence[WindowSet]) -> Windo
 
 def _duplicate_notes(windows: WindowSet) -> list[str]:
     duplicates = find_duplicates(windows.recordings)
+    if len(duplicates) > 1:
+        note = (
+            f"{len(duplicates)} recordings hold the same samples as others "
+            f"({join_names(list(duplicates))}); keep one of each, or it counts twice."
+        )
+        return [note]
     return [
         f"{name} holds the same samples as {original}; keep one of them, or it counts twice."
         for name, original in duplicates.items()

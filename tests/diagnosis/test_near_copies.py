@@ -38,6 +38,12 @@ def filtered(kind: str, edge: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda x: sosfilt(butter(4, edge, kind, fs=RATE, output="sos"), x)
 
 
+def reordered(x: np.ndarray, block: int) -> np.ndarray:
+    """Return the blocks of a signal in another order."""
+    starts = np.random.default_rng(5).permutation(np.arange(0, x.shape[1], block))
+    return np.concatenate([x[:, start : start + block] for start in starts], axis=1)
+
+
 NOISE = np.random.default_rng(99).normal(size=(2, 20000))
 SIZE = 2.0  # about the root mean square
 KINDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -65,6 +71,8 @@ KINDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "ten bits": lambda x: np.round(x / np.abs(x).max() * 512),
     "exchanged channels": lambda x: 1.01 * x[::-1],
     "one channel": lambda x: 1.01 * x[1:],
+    "blocks of 0.25 s in another order": lambda x: reordered(x, 2000),
+    "blocks of 125 samples in another order, louder": lambda x: 1 + 2 * reordered(x, 125),
 }
 RATES = {
     "half the rate": 1 / 2,
@@ -194,3 +202,13 @@ def test_an_evaluation_refuses_an_altered_copy_and_a_diagnosis_compares_samples_
 
     assert "this very recording, under the name piston 1" in classifier.diagnose(renamed).notes[0]
     assert not any("very recording" in text for text in classifier.diagnose(copy).notes)
+
+
+def test_a_recording_of_blocks_of_training_recordings_is_refused() -> None:
+    train = [recording(number, label) for label in ("normal", "piston") for number in range(3)]
+    classifier = FaultClassifier("band_powers", window=1000, epochs=1).fit(train)
+    blocks = [part.signal[:, 4000:7000] for part in train[3:]]
+    mixture = train[3].replace(recording_id="new", signal=np.concatenate(blocks, axis=1))
+
+    with pytest.raises(LeakError, match="recording new, a copy of piston"):
+        classifier.evaluate([mixture])

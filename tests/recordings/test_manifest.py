@@ -1,6 +1,7 @@
 """Recordings are identified by their content, whatever their files are called."""
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from swashtwin.recordings import (
     write_recording,
     write_store,
 )
+from swashtwin.recordings.manifest import describe_content
 
 
 def noise_recording(name: str = "a", *, seed: int = 0) -> Recording:
@@ -176,3 +178,152 @@ def test_duplicates_are_found_among_joined_manifests() -> None:
     manifests = [build_manifest([noise_recording(name)]) for name in "ab"]
 
     assert find_duplicates(join_manifests(manifests)) == {"b": "a"}
+
+
+# ---- altered and overlapping copies within one data set
+
+
+def long_recording(name: str, seed: int, label: str = "normal") -> Recording:
+    signal = np.random.default_rng(seed).normal(size=(2, 4000)).round(5)
+    return Recording(signal, 2000.0, name, channels=("x", "y"), label=label)
+
+
+def reorder(signal: np.ndarray) -> np.ndarray:
+    order = np.random.default_rng(0).permutation(20)
+    return signal.reshape(2, 20, 200)[:, order].reshape(2, -1)
+
+
+@pytest.mark.parametrize(
+    "alter",
+    [
+        pytest.param(lambda x: x.round(1), id="rounded"),
+        pytest.param(lambda x: 1 - 3 * x, id="scaled"),
+        pytest.param(lambda x: x[:, ::-1], id="reversed"),
+        pytest.param(lambda x: np.diff(x, prepend=0.0), id="filtered"),
+        pytest.param(lambda x: x[:, 1500:2700], id="cut"),
+        pytest.param(lambda x: x[::-1], id="exchanged channels"),
+        pytest.param(reorder, id="reordered"),
+    ],
+)
+def test_inspect_names_an_altered_copy_in_another_class(
+    alter: Callable[[np.ndarray], np.ndarray],
+) -> None:
+    recordings = [long_recording(f"n{seed}", seed) for seed in range(3)]
+    signal = 1.5 * alter(recordings[1].signal)
+    recordings.append(Recording(signal, 2000.0, "copy", channels=("x", "y"), label="fault"))
+
+    report = inspect_recordings(recordings)
+
+    (finding,) = [finding for finding in report.findings if "copy" in finding.kind]
+    assert finding.severity == "error"
+    assert finding.message.startswith(
+        "n1, copy hold samples of one measurement, altered or overlapping (fault, normal)"
+    )
+    assert "It stands in 2 classes" in finding.message
+    assert find_duplicates(report.manifest) == {"n1": "copy"}
+
+
+def test_two_parts_that_overlap_are_reported_and_two_that_do_not_are_not() -> None:
+    whole = long_recording("whole", 0).signal
+    parts = {"a": whole[:, :1500], "b": whole[:, 1000:2500], "c": whole[:, 2500:]}
+    recordings = [
+        Recording(signal, 2000.0, name, channels=("x", "y"), label="normal")
+        for name, signal in parts.items()
+    ]
+
+    findings = inspect_recordings(recordings).findings
+
+    (message,) = [finding.message for finding in findings if finding.kind == "altered_copy"]
+    assert message.startswith("a, b hold samples of one measurement")
+    assert "classes" not in message
+
+
+@pytest.mark.parametrize("gain", [10, 1000, 1e6])
+@pytest.mark.parametrize("length", [40, 120])
+def test_two_recordings_of_one_strong_transient_are_not_copies(gain: float, length: int) -> None:
+    transient = np.zeros(4000)
+    transient[2000 : 2000 + length] = gain * np.random.default_rng(9).normal(size=length)
+    recordings = [
+        Recording(long_recording(name, seed).signal + transient, 2000.0, name, channels=("x", "y"))
+        for seed, name in enumerate("ab")
+    ]
+    altered = recordings[0].replace(signal=1 - 2 * recordings[0].signal, recording_id="copy")
+
+    assert not find_duplicates(build_manifest(recordings))
+    assert find_duplicates(build_manifest([*recordings, altered])) == {"copy": "a"}
+
+
+def test_a_mixture_of_many_recordings_is_named_with_each_of_them() -> None:
+    parts = [long_recording(f"n{seed}", seed) for seed in range(8)]
+    mixed = np.concatenate([part.signal[:, 500:1500] for part in parts], axis=1)
+    mixture = Recording(mixed, 2000.0, "a mixture", channels=("x", "y"), label="fault")
+
+    copies = find_duplicates(build_manifest([mixture, *parts]))
+
+    assert copies == {part.recording_id: "a mixture" for part in parts}
+
+
+def test_samples_of_single_precision_are_described_without_warnings() -> None:
+    signal = long_recording("a", 0).signal.astype(np.float32)
+
+    content = describe_content(Recording(signal, 2000.0, "a", channels=("x", "y")))
+
+    assert {text[0] for text in content} >= {"~", "="}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_samples_that_are_not_measured_have_no_patterns(value: float) -> None:
+    signal = long_recording("a", 0).signal.copy()
+    signal[:, 100] = value
+
+    content = describe_content(Recording(signal[:1], 2000.0, "a"))
+
+    assert all(text[0] not in "~=" for text in content)
+
+
+@pytest.mark.parametrize(
+    "signal",
+    [
+        pytest.param(np.sin(2 * np.pi * np.arange(4000) / 37), id="sine"),
+        pytest.param(np.arange(4000) // 50 % 2, id="square"),
+        pytest.param(np.arange(4000) % 64, id="saw tooth"),
+    ],
+)
+def test_signals_that_repeat_have_no_patterns(signal: np.ndarray) -> None:
+    first, second = (
+        Recording(signal[None, start : start + 3000].astype(float), 2000.0, "a")
+        for start in (0, 37 * 64)
+    )
+
+    assert not find_duplicates({"a": describe_content(first), "b": describe_content(second)})
+
+
+# ---- names of classes
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("Fault", "fault"),
+        ("inner race", "inner_race"),
+        ("Kolben-Verschleiß", "kolben verschleiss"),
+        ("Schrägscheibe", "schraegscheibe"),
+        ("Normal", "normal"),
+    ],
+)
+def test_classes_that_differ_in_spelling_only_are_reported(first: str, second: str) -> None:
+    recordings = [
+        long_recording(f"{label}{number}", number, label)
+        for number, label in enumerate([first, first, second, second, "other", "other"])
+    ]
+
+    (finding,) = [
+        finding
+        for finding in inspect_recordings(recordings).findings
+        if finding.kind in ("similar_classes", "several_healthy")
+    ]
+
+    assert finding.severity == "warning"
+    assert repr(first) in finding.message
+    assert repr(second) in finding.message
+    assert "are they one class?" in finding.message

@@ -126,7 +126,7 @@ def train(
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.learning import load_windows
     from swashtwin.pump import is_healthy
-    from swashtwin.recordings import declared_faults, healthy_class_findings, load_recordings
+    from swashtwin.recordings import class_name_findings, declared_faults, load_recordings
 
     synthetic_files = add or []
     require_output(out, inputs=[source, *synthetic_files], marks=_MODEL_MARKS, force=force)
@@ -155,8 +155,8 @@ def train(
         _train_detector(AnomalyDetector.in_place_of(classifier), recordings, out, as_json)
         return
 
-    for finding in healthy_class_findings(recordings.labels):
-        print_note(f"note: {finding.message}")
+    for finding in class_name_findings(recordings.labels):
+        print_note(f"note: {finding.describe()}")
     keeps_checkpoint = not is_selected_by_trials
     _fit_classifier(classifier, recordings, synthetic, source, out, keeps_checkpoint)
 

@@ -23,7 +23,6 @@ from swashtwin.recordings import (
     Finding,
     InspectionReport,
     Recording,
-    build_manifest,
     describe_conditions,
     find_duplicates,
     inspect_recordings,
@@ -164,7 +163,10 @@ def check_recordings(
         if any(finding.severity == "error" for finding in report.findings):
             unusable.add(report.recording_id)
     usable = [recording for recording in recordings if recording.recording_id not in unusable]
-    copies = find_duplicates(build_manifest(usable))
+    content = inspection.manifest
+    copies = find_duplicates(
+        {recording.recording_id: content[recording.recording_id] for recording in usable}
+    )
     usable = [recording for recording in usable if recording.recording_id not in copies]
     labeled = [recording for recording in usable if recording.label and not recording.synthetic]
 
@@ -206,7 +208,7 @@ def _notes(
             )
 
     for name, original in copies.items():
-        notes.append(f"{name} is a copy of {original} and is not counted.")
+        notes.append(f"{name} is a copy of {original}, altered or not, and is not counted.")
     return notes
 
 

@@ -6,7 +6,7 @@ from .channel_checks import require_usable as require_usable
 from .collection import Recordings as Recordings
 from .collection import load_recordings as load_recordings
 from .columns import BLOCK_SAMPLES as BLOCK_SAMPLES
-from .dataset_checks import healthy_class_findings as healthy_class_findings
+from .dataset_checks import class_name_findings as class_name_findings
 from .dataset_checks import layout_findings as layout_findings
 from .entry import Entry as Entry
 from .file_formats import WRITABLE_SUFFIXES as WRITABLE_SUFFIXES

@@ -1,7 +1,9 @@
 """Checks that compare the recordings of a data set: layout, duplicates, levels, classes."""
 
 import math
+import re
 import statistics
+import unicodedata
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from typing import TypeVar
@@ -10,6 +12,7 @@ from swashtwin.foundation import plural
 from swashtwin.pump import is_healthy
 from swashtwin.recordings.channel_statistics import ChannelStatistics
 from swashtwin.recordings.findings import Finding, join_names
+from swashtwin.recordings.manifest import CONTENT_MARKS, find_altered_duplicates
 from swashtwin.recordings.recording import Recording
 
 # Level over the median of its class above which gain or unit must differ: faults change it less.
@@ -17,6 +20,9 @@ _MAX_LEVEL_RATIO = 30.0
 
 # Longest over shortest recording above which long ones would outweigh the others.
 _MAX_LENGTH_RATIO = 3.0
+
+# Copies of one measurement that a message lists.
+_MAX_LISTED_COPIES = 6
 
 _Key = TypeVar("_Key", bound=Hashable)
 
@@ -61,17 +67,17 @@ def length_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
 
 
 def duplicate_findings(
-    recordings: Sequence[Recording], hashes: Sequence[Sequence[str]]
+    recordings: Sequence[Recording], contents: Sequence[Sequence[str]]
 ) -> Iterator[Finding]:
-    """Yield an error for each group of recordings that hold the same samples.
+    """Yield an error for each group of recordings that hold samples of one measurement.
 
     Parameters
     ----------
-    hashes : `Recording.content_hashes` of each recording.
+    contents : `describe_content` of each recording.
     """
     pairs: list[tuple[str, Recording]] = []
-    for recording, digests in zip(recordings, hashes, strict=True):
-        pairs.extend((digest, recording) for digest in digests)
+    for recording, content in zip(recordings, contents, strict=True):
+        pairs.extend((text, recording) for text in content if text[0] not in CONTENT_MARKS)
 
     # Copies share a hash for each channel: one finding for each group, not for each channel.
     groups = {}
@@ -79,11 +85,49 @@ def duplicate_findings(
         groups[tuple(recording.recording_id for recording in group)] = group
     for ids, group in groups.items():
         if len(ids) > 1:
-            message = (
-                f"{', '.join(ids)} hold the same samples ({_join_labels(group)}); keep one of "
-                "them, or training and test could share a measurement."
-            )
+            message = f"{', '.join(ids)} hold the same samples {_copy_advice(group)}"
             yield Finding("duplicate", "error", None, message)
+
+    numbered = {str(number): tuple(content) for number, content in enumerate(contents)}
+    altered_pairs = [
+        (int(later), int(earlier))
+        for later, earlier in find_altered_duplicates(numbered)
+        if not _share_hash(contents[int(later)], contents[int(earlier)])
+    ]
+    for numbers in _connected_groups(altered_pairs):
+        group = [recordings[number] for number in numbers]
+        names = join_names([recording.recording_id for recording in group], _MAX_LISTED_COPIES)
+        message = (
+            f"{names} hold samples of one measurement, altered or overlapping {_copy_advice(group)}"
+        )
+        yield Finding("altered_copy", "error", None, message)
+
+
+def _share_hash(first: Sequence[str], second: Sequence[str]) -> bool:
+    hashes = {text for text in first if text[0] not in CONTENT_MARKS}
+    return not hashes.isdisjoint(second)
+
+
+def _copy_advice(copies: Sequence[Recording]) -> str:
+    """Return the classes of copies and what to do, to end a sentence with."""
+    advice = (
+        f"({_join_labels(copies)}); keep one of them, or training and test could share a "
+        "measurement."
+    )
+    n_classes = len({recording.label for recording in copies})
+    if n_classes > 1:
+        advice += f" It stands in {n_classes} classes, so a label is wrong."
+    return advice
+
+
+def _connected_groups(pairs: Iterable[tuple[int, int]]) -> list[list[int]]:
+    """Return the groups of numbers that pairs connect, each in ascending order."""
+    groups: list[set[int]] = []
+    for pair in pairs:
+        touched = [group for group in groups if not group.isdisjoint(pair)]
+        merged = set(pair).union(*touched)
+        groups = [group for group in groups if group.isdisjoint(pair)] + [merged]
+    return [sorted(group) for group in groups]
 
 
 def level_findings(
@@ -122,15 +166,38 @@ def level_findings(
         yield Finding("level", "warning", None, message)
 
 
-def healthy_class_findings(labels: Iterable[str | None]) -> Iterator[Finding]:
-    """Yield a note if classes of several names are all healthy."""
-    names = sorted({label for label in labels if label and is_healthy(label)})
-    if len(names) > 1:
-        surplus = "one" if len(names) == 2 else "all but one"
+def class_name_findings(labels: Iterable[str | None]) -> Iterator[Finding]:
+    """Yield classes whose names differ in spelling only, and several that are healthy by name."""
+    spellings: dict[str, list[str]] = {}
+    for label in sorted({label for label in labels if label}):
+        spellings.setdefault(_plain_spelling(label), []).append(label)
+
+    for names in spellings.values():
+        if len(names) > 1:
+            message = (
+                f"the classes {' and '.join(map(repr, names))} differ in case, spaces or "
+                "separators only; are they one class?"
+            )
+            remedy = (
+                "If so, write one label for all of them in the index, and leave the others out of "
+                "its classes."
+            )
+            yield Finding("similar_classes", "warning", None, message, remedy)
+
+    healthy_names = [names[0] for names in spellings.values() if is_healthy(names[0])]
+    if len(healthy_names) > 1:
+        surplus = "one" if len(healthy_names) == 2 else "all but one"
         message = (
-            f"{len(names)} classes are healthy by name: {', '.join(names)}; relabel {surplus}."
+            f"{len(healthy_names)} classes are healthy by name: {', '.join(healthy_names)}; "
+            f"relabel {surplus}."
         )
         yield Finding("several_healthy", "note", None, message)
+
+
+def _plain_spelling(label: str) -> str:
+    """Return a label without what people write differently: case, separators, umlauts."""
+    text = unicodedata.normalize("NFKD", label.casefold()).replace("\N{COMBINING DIAERESIS}", "e")
+    return re.sub(r"[\W_]+", "", text)
 
 
 def class_size_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:

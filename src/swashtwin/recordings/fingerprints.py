@@ -48,21 +48,41 @@ _MAX_TIME_S = 20.0
 # Noise in a band over the highest line from which it is noise: less may be leakage of a tone.
 _MIN_RELATIVE_NOISE = 2e-5
 
+# Magnitude of a band over its median from which it is a burst: noise exceeds it once in 60,000.
+_MIN_BURST_RATIO = 4.0
+
+# Share of the energy of a band in bursts from which they determine its signs.
+#
+# Different recordings that have a transient of at most this share in common correlate below 0.3.
+_MAX_BURST_SHARE = 0.5
+
+# Standard deviations of the correlation of the power spectra of different recordings above which
+# the signs of two recordings are compared.
+_SPECTRAL_DEVIATIONS = 4.0
+
 # Listed fingerprints that are compared together, which limits the memory.
 _BLOCK_SIZE = 64
 
 
-def compute_fingerprints(recording: Recording) -> tuple[str, ...]:
+def read_beginning(recording: Recording) -> Float[np.ndarray, "channel time"]:
+    """Return the samples that fingerprints cover: those of the first 20 s."""
+    count = min(recording.n_samples, int(_MAX_TIME_S * recording.sample_rate))
+    return recording.samples.signal_part(0, count)
+
+
+def compute_fingerprints(signal: Float[np.ndarray, "channel time"], rate: float) -> tuple[str, ...]:
     """Return the fingerprint of each channel that has one.
 
-    It is at least one second long, was sampled at 840 Hz or more, and has noise.
-    """
-    rate = float(recording.sample_rate)
-    if recording.duration < _MIN_TIME_S:
-        return ()
+    It is at least one second long, was sampled at 840 Hz or more, and has noise that is not
+    dominated by bursts: two recordings of one transient would agree.
 
-    count = min(recording.n_samples, int(_MAX_TIME_S * rate))
-    signal = recording.samples.signal_part(0, count)
+    Parameters
+    ----------
+    signal : samples of `read_beginning`.
+    rate : samples per second [Hz].
+    """
+    if signal.shape[1] / rate < _MIN_TIME_S:
+        return ()
     fingerprints = [_compute_fingerprint(channel, rate) for channel in signal]
     return tuple(filter(None, fingerprints))
 
@@ -75,10 +95,13 @@ def _compute_fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> st
     duration = channel.size / rate
     seconds = int(np.ceil(duration))
     value_count = int(duration * _VALUES_PER_S)
-    ramp = np.minimum((np.arange(channel.size) + 0.5) / (_TAPER_TIME_S * rate), 1.0)
-    taper = np.sin(np.pi / 2 * np.minimum(ramp, ramp[::-1])) ** 2
-    spectrum = fft.rfft((channel - channel.mean()) * taper, round(seconds * rate))
-    amplitude = np.abs(spectrum)
+    ramp = (np.arange(int(np.ceil(_TAPER_TIME_S * rate))) + 0.5) / (_TAPER_TIME_S * rate)
+    taper = np.sin(np.pi / 2 * np.minimum(ramp, 1.0)) ** 2
+    tapered = channel - channel.mean()
+    tapered[: taper.size] *= taper
+    tapered[-taper.size :] *= taper[::-1]
+    spectrum = fft.rfft(tapered, round(seconds * rate))
+    highest_amplitude = float(np.sqrt((spectrum.real**2 + spectrum.imag**2).max()))
 
     flags = ""
     signs: list[list[np.ndarray]] = []
@@ -86,9 +109,9 @@ def _compute_fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> st
         pair_signs = []
         if pair[1] + _BAND_WIDTH_HZ <= _MAX_BAND_EDGE * rate:
             for low_edge in pair:
-                values = _whiten_band(spectrum, amplitude, low_edge, seconds)
-                if values is not None:
-                    values = values[:value_count]
+                band = _whiten_band(spectrum, highest_amplitude, low_edge, seconds)
+                values = None if band is None else band[:value_count]
+                if values is not None and _burst_share(values) <= _MAX_BURST_SHARE:
                     pair_signs.append([values.real > 0, values.imag > 0])
         has_pair = len(pair_signs) == 2
         flags += str(int(has_pair))
@@ -102,18 +125,26 @@ def _compute_fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> st
 
 
 def _whiten_band(
-    spectrum: np.ndarray, amplitude: np.ndarray, low_edge: int, seconds: int
+    spectrum: np.ndarray, highest_amplitude: float, low_edge: int, seconds: int
 ) -> np.ndarray | None:
     """Return the complex signal of a band, its lines cut to the noise; None without noise."""
     band = slice(low_edge * seconds, (low_edge + _BAND_WIDTH_HZ) * seconds)
     median_bins = int(_MEDIAN_WIDTH_HZ * seconds) | 1  # an odd number
-    noise = scipy.ndimage.median_filter(amplitude[band], median_bins, mode="nearest")
-    if not np.median(noise) > _MIN_RELATIVE_NOISE * amplitude.max():
+    amplitude = np.abs(spectrum[band])
+    noise = scipy.ndimage.median_filter(amplitude, median_bins, mode="nearest")
+    if not np.median(noise) > _MIN_RELATIVE_NOISE * highest_amplitude:
         return None
 
-    divisor = np.maximum(amplitude[band], np.maximum(noise, 1e-300))  # never 0
+    divisor = np.maximum(amplitude, np.maximum(noise, 1e-300))  # never 0
     values: np.ndarray = fft.ifft(spectrum[band] / divisor, _VALUES_PER_S * seconds)
     return values
+
+
+def _burst_share(values: Complex64[np.ndarray, " time"]) -> float:
+    """Return the share of the energy of a band in values that are far above the median."""
+    powers = values.real**2 + values.imag**2
+    is_burst = powers > _MIN_BURST_RATIO**2 * np.median(powers)
+    return float(powers[is_burst].sum() / max(powers.sum(), 1e-300))  # never 0
 
 
 def _count_values(fingerprint: str) -> int:
@@ -169,6 +200,68 @@ def find_altered_copies(
         for name, (agreement, listed_name) in best.items()
         if agreement >= MIN_AGREEMENT
     }
+
+
+def find_altered_pairs(fingerprints: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
+    """Return the pairs of recordings that are altered copies of each other: (later, earlier).
+
+    Only pairs with similar power spectra of the signs are compared: those do not depend on the
+    shift and the direction of time, and the comparison of all pairs costs a hundredth of that of
+    their signs. Copies that share less than about a sixth of their time may be missed.
+
+    Parameters
+    ----------
+    fingerprints : fingerprints by id.
+    """
+    known = {name: texts for name, texts in fingerprints.items() if texts}
+    pairs: list[tuple[str, str]] = []
+    if len(known) < 2:
+        return pairs
+
+    names = list(known)
+    for later, earlier in _similar_pairs(list(known.values())):
+        copy = find_altered_copies(
+            {names[earlier]: known[names[earlier]]}, {names[later]: known[names[later]]}
+        )
+        pairs += copy.items()
+    return pairs
+
+
+def _similar_pairs(fingerprints: Sequence[Sequence[str]]) -> Iterator[tuple[int, int]]:
+    """Yield the numbers of recordings with similar power spectra: (later, earlier).
+
+    The first fingerprint of the later recording is compared with all of the earlier one, and the
+    other way round.
+    """
+    owners = np.repeat(np.arange(len(fingerprints)), [len(texts) for texts in fingerprints])
+    is_first = np.r_[True, np.diff(owners) > 0]
+    signs = [_decode_signs(text) for texts in fingerprints for text in texts]
+    lengths = np.array([values.shape[1] for values in signs])
+    size = fft.next_fast_len(int(lengths.max()))
+    threshold = _SPECTRAL_DEVIATIONS / np.sqrt(2 * lengths)
+
+    is_similar = np.zeros((len(fingerprints), len(fingerprints)), np.bool_)
+    for bands in (slice(0, 2), slice(2, 4)):
+        spectra = np.stack([_power_spectrum(values[bands], size) for values in signs])
+        for start in range(0, len(signs), _BLOCK_SIZE):
+            rows = slice(start, start + _BLOCK_SIZE)
+            agreement = spectra[rows] @ spectra[is_first].T
+            limit = np.maximum(threshold[rows, None], threshold[is_first])
+            listed, candidates = np.nonzero(agreement > limit)
+            is_similar[owners[rows][listed], candidates] = True
+
+    is_similar |= is_similar.T
+    yield from zip(*np.nonzero(np.tril(is_similar, -1)), strict=True)
+
+
+def _power_spectrum(signs: Complex64[np.ndarray, "band time"], size: int) -> np.ndarray:
+    """Return the deviations of the power spectra of two bands from their mean, of norm 1."""
+    # Above the band there is only what the signs added.
+    spectrum = fft.fft(signs, size)[:, : size * _BAND_WIDTH_HZ // _VALUES_PER_S]
+    powers = spectrum.real**2 + spectrum.imag**2
+    deviations = (powers - powers.mean(axis=1, keepdims=True)).ravel()
+    norm = np.linalg.norm(deviations)
+    return (deviations / max(norm, 1e-30)).astype(np.float32)
 
 
 def _listed_blocks(

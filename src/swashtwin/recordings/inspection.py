@@ -1,7 +1,7 @@
 """Report of everything suspicious about recordings, alone and compared with each other."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from swashtwin.foundation import Spelling, plural, spell_for_index
@@ -9,15 +9,16 @@ from swashtwin.recordings.channel_checks import check_channels, find_unusable
 from swashtwin.recordings.channel_statistics import ChannelStatistics, compute_channel_statistics
 from swashtwin.recordings.column_roles import EXCLUDED_COLUMNS
 from swashtwin.recordings.dataset_checks import (
+    class_name_findings,
     class_size_findings,
     duplicate_findings,
-    healthy_class_findings,
     layout_findings,
     length_findings,
     level_findings,
 )
 from swashtwin.recordings.findings import Finding, Severity, join_names
 from swashtwin.recordings.formats.raw_file import UNCLOSED
+from swashtwin.recordings.manifest import Manifest, describe_content, join_manifests
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.speed_checks import check_sample_rate, check_specified_speed
 from swashtwin.recordings.window_checks import window_findings
@@ -98,6 +99,8 @@ class InspectionReport:
     """Report of each recording."""
     findings: tuple[Finding, ...]
     """Problems that only a comparison of recordings shows."""
+    manifest: Manifest = field(default_factory=dict)
+    """Content of each recording (`build_manifest`)."""
 
     def __repr__(self) -> str:
         sentences = [f"{severity}: {sentence}" for severity, sentence in self.merged(by_kind=True)]
@@ -201,13 +204,13 @@ def inspect_recordings(
     recordings = list(recordings)
     reports = []
     statistics = []
-    hashes = []
+    contents = []
     for number, recording in enumerate(recordings, 1):
         with recording.loaded(_MAX_LOADED_VALUES):
             channels = compute_channel_statistics(recording)
             statistics.append(channels)
             reports.append(_report_recording(recording, channels))
-            hashes.append(recording.content_hashes())
+            contents.append(describe_content(recording))
         if progress:
             progress(number, len(recordings))
 
@@ -216,12 +219,16 @@ def inspect_recordings(
         *layout_findings(recordings),
         *window_findings(recordings, window),
         *length_findings(recordings),
-        *duplicate_findings(recordings, hashes),
+        *duplicate_findings(recordings, contents),
         *level_findings(recordings, statistics),
-        *healthy_class_findings(recording.label for recording in recordings),
+        *class_name_findings(recording.label for recording in recordings),
         *class_size_findings(recordings),
     ]
-    return InspectionReport(tuple(reports), tuple(findings))
+    manifest = join_manifests(
+        {recording.recording_id: content}
+        for recording, content in zip(recordings, contents, strict=True)
+    )
+    return InspectionReport(tuple(reports), tuple(findings), manifest)
 
 
 def _report_recording(

@@ -1,30 +1,60 @@
 """Manifests: which recordings had a part in something, by name and by content.
 
-A manifest maps the id of each recording to the hashes of its channels (`Recording.content_hashes`)
-and to their `fingerprints`, or to nothing if its content is unknown. Content decides; the name does
-only if the content of one side is unknown.
+A manifest maps the id of each recording to the hashes of its channels (`Recording.content_hashes`),
+their `fingerprints` and their `sample_patterns`, or to nothing if its content is unknown. Content
+decides; the name does only if the content of one side is unknown.
 """
 
 from collections.abc import Iterable, Mapping
+
+import numpy as np
 
 from swashtwin.recordings.fingerprints import (
     FINGERPRINT_MARK,
     compute_fingerprints,
     find_altered_copies,
+    find_altered_pairs,
+    read_beginning,
 )
 from swashtwin.recordings.recording import Recording
+from swashtwin.recordings.sample_patterns import (
+    PATTERN_MARK,
+    compute_patterns,
+    find_shared_pairs,
+    find_shared_patterns,
+)
+
+CONTENT_MARKS = (FINGERPRINT_MARK, PATTERN_MARK)
+"""First characters of the texts of a manifest that are not hashes."""
+
+# Samples above this are not measured, and their squares may not be finite.
+#
+# A number of double precision, which a comparison with samples of single precision keeps.
+_MAX_SAMPLE = np.float64(1e100)
 
 Manifest = Mapping[str, tuple[str, ...]]
-"""Hashes and fingerprints of the content of each recording, by its id."""
+"""Hashes, fingerprints and patterns of the content of each recording, by its id."""
 
 
 def build_manifest(recordings: Iterable[Recording]) -> dict[str, tuple[str, ...]]:
     """Return the manifest of recordings; their samples are read once."""
     manifests = []
     for recording in recordings:
-        content = (*recording.content_hashes(), *compute_fingerprints(recording))
-        manifests.append({recording.recording_id: content})
+        manifests.append({recording.recording_id: describe_content(recording)})
     return join_manifests(manifests)
+
+
+def describe_content(recording: Recording) -> tuple[str, ...]:
+    """Return the hashes, fingerprints and patterns of a recording's channels."""
+    beginning = read_beginning(recording)
+    is_usable = (np.abs(beginning) < _MAX_SAMPLE).all(axis=1)  # not so if a sample is missing
+    beginning = beginning[is_usable]
+    patterns = [compute_patterns(channel) for channel in beginning]
+    return (
+        *recording.content_hashes(),
+        *compute_fingerprints(beginning, float(recording.sample_rate)),
+        *filter(None, patterns),
+    )
 
 
 def join_manifests(manifests: "Iterable[Manifest | Iterable[str]]") -> dict[str, tuple[str, ...]]:
@@ -72,18 +102,30 @@ def find_exact_copies(manifest: "Manifest | Iterable[str]", recordings: Manifest
 def find_copies(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
     """Return those of `recordings` that are in `manifest`, altered or not: its id by their id.
 
-    Besides `find_exact_copies` these are copies that were cut, filtered, scaled, resampled or
-    reversed (`find_altered_copies`).
+    Besides `find_exact_copies` these are recordings that were put together from blocks of others
+    (`find_shared_patterns`), and copies that were cut, filtered, scaled, resampled or reversed
+    (`find_altered_copies`).
     """
     listed = join_manifests([manifest])
     copies = find_exact_copies(listed, recordings)
-    remaining = {name: hashes for name, hashes in recordings.items() if name not in copies}
-    altered = find_altered_copies(_fingerprints_of(listed), _fingerprints_of(remaining))
+
+    remaining = {name: content for name, content in recordings.items() if name not in copies}
+    copies |= find_shared_patterns(
+        _select_content(listed, PATTERN_MARK), _select_content(remaining, PATTERN_MARK)
+    )
+
+    remaining = {name: content for name, content in recordings.items() if name not in copies}
+    altered = find_altered_copies(
+        _select_content(listed, FINGERPRINT_MARK), _select_content(remaining, FINGERPRINT_MARK)
+    )
     return {**copies, **altered}
 
 
 def find_duplicates(manifest: Manifest) -> dict[str, str]:
-    """Return recordings with the content of an earlier one of the manifest: its id by their id."""
+    """Return recordings that are copies of an earlier one of the manifest: its id by their id.
+
+    They share the content of a channel, or are copies as `find_copies` detects them.
+    """
     duplicates: dict[str, str] = {}
     names: dict[str, str] = {}
     for name, hashes in manifest.items():
@@ -92,7 +134,19 @@ def find_duplicates(manifest: Manifest) -> dict[str, str]:
             duplicates[name] = original
         for digest in hashes:
             names.setdefault(digest, name)
+
+    for later, earlier in find_altered_duplicates(manifest):
+        duplicates.setdefault(later, earlier)
     return duplicates
+
+
+def find_altered_duplicates(manifest: Manifest) -> list[tuple[str, str]]:
+    """Return the pairs of recordings that are altered or overlapping copies: (later, earlier)."""
+    pairs = [
+        *find_shared_pairs(_select_content(manifest, PATTERN_MARK)),
+        *find_altered_pairs(_select_content(manifest, FINGERPRINT_MARK)),
+    ]
+    return list(dict.fromkeys(pairs))
 
 
 def describe_copies(copies: Mapping[str, str]) -> str:
@@ -116,8 +170,9 @@ def _first_match(hashes: Iterable[str], names: Mapping[str, str]) -> str | None:
     return next((names[digest] for digest in hashes if digest in names), None)
 
 
-def _fingerprints_of(manifest: Manifest) -> dict[str, list[str]]:
-    fingerprints = {}
-    for name, hashes in manifest.items():
-        fingerprints[name] = [text for text in hashes if text.startswith(FINGERPRINT_MARK)]
-    return fingerprints
+def _select_content(manifest: Manifest, mark: str) -> dict[str, list[str]]:
+    """Return the texts of each recording that begin with a mark."""
+    selected = {}
+    for name, content in manifest.items():
+        selected[name] = [text for text in content if text.startswith(mark)]
+    return selected

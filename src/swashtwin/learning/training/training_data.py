@@ -214,6 +214,6 @@ def _duplicate_notes(windows: WindowSet) -> list[str]:
         )
         return [note]
     return [
-        f"{name} holds the same samples as {original}; keep one of them, or it counts twice."
+        f"{name} is a copy of {original}, altered or not; keep one of them, or it counts twice."
         for name, original in duplicates.items()
     ]

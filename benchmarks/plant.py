@@ -1,5 +1,5 @@
-"""What a plant's computer pays for verdicts: this tree beside the tag before, both in environments
-of their own.
+"""What a plant's computer pays for verdicts: this tree beside an earlier commit, both in
+environments of their own.
 
     python benchmarks/plant.py --json
 
@@ -168,7 +168,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--tag", default="evidence-0.2", help="version to compare with")
+    parser.add_argument("--commit", default="3b268ae3", help="commit to compare with")
     parser.add_argument("--windows", type=int, default=3000, help="windows to train on")
     parser.add_argument(
         "--recordings", type=int, default=1000, help="recordings of the folder that is diagnosed"
@@ -182,13 +182,23 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args()
     folder = (options.folder or Path(tempfile.mkdtemp(prefix="plant-"))).resolve()
-    if not (folder / "tag").exists():
+    if not (folder / "earlier").exists():
         subprocess.run(
-            ["git", "-C", ROOT, "worktree", "add", "-q", "--detach", folder / "tag", options.tag],
+            [
+                "git",
+                "-C",
+                ROOT,
+                "worktree",
+                "add",
+                "-q",
+                "--detach",
+                folder / "earlier",
+                options.commit,
+            ],
             check=True,
         )
     sides = {
-        "tag": Side(folder / "tag", folder / "tag-venv"),
+        "earlier": Side(folder / "earlier", folder / "earlier-venv"),
         "now": Side(ROOT, folder / "now-venv"),
     }
     if not (folder / "new").exists():
@@ -207,8 +217,10 @@ def main() -> None:
         print(json.dumps(facts, indent=1))
         return
     for what in dict.fromkeys(itertools.chain(*rows.values())):
-        tag, now = (row.get(what, 0.0) for row in rows.values())
-        print(f"{what:28}{tag:12.4g}{now:12.4g}" + (f"{now / tag:10.2f}" if tag else ""))
+        earlier, now = (row.get(what, 0.0) for row in rows.values())
+        print(
+            f"{what:28}{earlier:12.4g}{now:12.4g}" + (f"{now / earlier:10.2f}" if earlier else "")
+        )
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ costs time and is not theirs: the forces, computed beforehand, and the settled m
 where the paper's way drops start-up revolutions first. Compilation is not counted. `error` is that
 of the sensors' accelerations against the Runge-Kutta method at a quarter of the step,
 `error_gradient` that of the slopes against other code. A peer that is not installed is named with
-what installs it. At the tag evidence-0.2 the table has torchdiffeq, other settings of JAX and
+what installs it. At the commit 3b268ae3 the table has torchdiffeq, other settings of JAX and
 diffrax, Radau, and 20,000 steps too.
 """
 

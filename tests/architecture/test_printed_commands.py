@@ -30,7 +30,7 @@ from swashtwin_bench import build_rig
 
 ROOT = Path(__file__).parents[2]
 EVIDENCE = "docs/bench/evidence.md"
-"""Its commands run at the tags that it names, not at this commit."""
+"""Its commands run at the commits that it names, not at this commit."""
 PAGES = {path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md")}
 DOCUMENTS = sorted({"README.md", *PAGES} - {EVIDENCE})
 

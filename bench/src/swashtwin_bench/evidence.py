@@ -21,8 +21,8 @@ ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "evidence"
 PAGE = ROOT.parent / "docs" / "bench" / "evidence.md"
 
-DEFAULT_TAG = "evidence-0.2"
-"""Tag at which most commands run."""
+DEFAULT_COMMIT = "3b268ae3"
+"""Commit at which most commands run: the last before their studies left the tree."""
 
 DEFAULT_INTERVALS = ("mean ± std", "mean ± std over fleets", "mean ± std over pumps")
 """Meanings of the intervals that the head of the page explains."""
@@ -49,8 +49,9 @@ HEAD = f"""# The evidence
 <!-- Made by `python -m swashtwin_bench.evidence page` from the files in bench/evidence. -->
 
 One table for each question, failures included. Most figures are of the [virtual rig](rig.md),
-**not of a machine**; none is of a real axial piston pump. Commands run at the tag `{DEFAULT_TAG}`
-unless a commit is named. Before `8fad2e1b` the default training selected among 24 candidates.
+**not of a machine**; none is of a real axial piston pump. Commands run at the commit
+`{DEFAULT_COMMIT}` unless another is named. Before `8fad2e1b` the default training selected among 24
+candidates.
 
 ± is the standard deviation over what n counts. Brackets are 95 % intervals; those of differences
 are paired. Exceptions are stated. Figures are by window unless stated otherwise.
@@ -81,7 +82,7 @@ class Evidence:
     """Meaning of ± and brackets."""
     command: str
     commit: str
-    """Commit or tag at which the command runs."""
+    """Hash of the commit at which the command runs."""
     columns: list[str]
     rows: list[list[str]]
     aim: str | None = None
@@ -97,7 +98,7 @@ class Evidence:
             facts.append(f"*n*: {self.n}; {self.interval}.")
 
         source = f"`{self.command}`"
-        if self.commit != DEFAULT_TAG:
+        if self.commit != DEFAULT_COMMIT:
             source += f" at `{self.commit}`"
 
         lines = [self.columns, ["---"] * len(self.columns), *self.rows]

@@ -17,7 +17,7 @@ CLASSIFIERS = {
     "spectral_noise": "BiTCN on spectra (ours), new noise in every epoch",
     "chosen": "default training (ours)",
     "band_powers": "band-power network (ours)",
-    "levels": "band-power network (ours)",  # its name in studies up to evidence-0.2
+    "levels": "band-power network (ours)",  # its name in studies up to 3b268ae3
     "bitcn": "BiTCN, stride 16",
     "paper_bitcn": "BiTCN (the paper's)",
     "paper_ordinary": "A: ordinary convolution (the paper's)",

@@ -265,6 +265,9 @@ REFUSED_FILES = {
     "K02-turns.csv": "does not state its sample rate",
     "K03-log.csv": r"the rows hold 1 of 4 columns, only the times \(Timestamp; no X, Y, Z\)",
     "K07-interleaved_number.csv": r"rows are of 3 sensors by turns \(channel: 1, 2, 3\)",
+    "K16-units_in_cells.csv": (
+        "line 2: '0.4333 g' is a number with a unit, .* and 'g' in the heading"
+    ),
     # Order tracking samples by the shaft's angle.
     "43-mdf-master-angle.mf4": "counts angle, not time",
 }

@@ -1,6 +1,7 @@
 """Text tables of every dialect are read, and what is not a number is named."""
 
 import gzip
+import re
 from collections.abc import Iterable
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -403,6 +404,39 @@ def test_marks_for_thousands_are_refused_with_a_specified_decimal_mark(tmp_path:
 
     with pytest.raises(DataError, match=r"'1,294\.25' has marks for thousands"):
         load_recording(tmp_path / "a.csv", sample_rate=1, unit="1", decimal=".")
+
+
+NUMBERS_WITH_DECORATION = [
+    pytest.param("t,x,y", "{0},[{1}],[{1}]", "'[0.25]'", id="brackets"),
+    pytest.param("t,x,y", "{0},({1}),{0}", "'(0.25)'", id="parentheses in one column"),
+    pytest.param("t;x", "{0};{1}g", "'0.25g'", id="unit without a blank"),
+    pytest.param("t,x", "{0},{1} m/s²", "'0.25 m/s²'", id="unit of SI"),
+    pytest.param("Values", "x={1};y={0}", "'x=0.25'", id="name and number"),
+    pytest.param("Values", "[{1}, {0}]", "'[0.25'", id="list"),
+    pytest.param("t,x", "{0},{1} [mV]", "'0.25 [mV]'", id="unit in brackets"),
+]
+
+
+@pytest.mark.parametrize(("heading", "row", "value"), NUMBERS_WITH_DECORATION)
+def test_numbers_with_units_or_brackets_in_cells_are_refused_by_value_and_line(
+    heading: str, row: str, value: str, tmp_path: Path
+) -> None:
+    rows = [row.format(number / 100, number + 0.25) for number in range(60)]
+    (tmp_path / "a.csv").write_text("\n".join([heading, *rows]))
+
+    message = f"line 2: {re.escape(value)} is a number with a unit, a name or brackets"
+    with pytest.raises(DataError, match=message):
+        load_recording(tmp_path / "a.csv", sample_rate=100, unit="g")
+
+
+@pytest.mark.parametrize("text", ["12 V", "23.{0} °C", "P{0}"])
+def test_texts_with_numbers_that_are_no_samples_are_left_out(text: str, tmp_path: Path) -> None:
+    rows = [f"{number / 7:.3f},{text.format(number)}" for number in range(60)]
+    (tmp_path / "a.csv").write_text("\n".join(["x,remark", *rows]))
+
+    recording = load_recording(tmp_path / "a.csv", sample_rate=100, unit="g")
+
+    assert recording.attributes["text_columns"] == "remark"
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,17 @@ _SENSOR_NAME = re.compile(
     r"(?:sensor|channel|node|device|module|ch|addr\w*)?[ _]?(?:id|no|nr)|sensor|node", re.IGNORECASE
 )
 
+# A number that is written as "1.234 g", "[1.234]", "(1.234)", "x=1.234" or "'1.234'".
+_PLAIN_NUMBER = r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?"
+_UNIT_OF_VIBRATION = r"m?[gG]|g's|m/s[²2]|m/s\^2|m/s/s|mm/s(?:\^?2|²)?|[mu]?V|(?:counts?|LSB)"
+_DECORATED = re.compile(
+    rf"(?=.*[^\d.,eE+-])(?:[A-Za-z]\w*\s*[=:]\s*)?[\[({{<']*\s*{_PLAIN_NUMBER}"
+    rf"\s*[\])}}>']*\s*[\[(]?(?P<unit>{_UNIT_OF_VIBRATION})?[\])]?"
+)
+
+# Fewer different texts in a column are those of a label.
+_MIN_DECORATED = 3
+
 _LABVIEW_HEADER_END = "***End_of_Header***"
 
 # Last headings for which rows may lack a column: LabVIEW writes one for comments.
@@ -332,6 +343,25 @@ def detect_dialect(path: Path, lines: Sequence[str], options: ReadOptions) -> Di
             "export it as text."
         )
 
+    candidates = _possible_dialects(lines, options)
+    if not candidates:
+        raise _no_table_error(path, lines, options)
+
+    best = max(candidates, key=Dialect.rank)
+    best.refuse_thousands(path, is_decimal_specified=options.decimal is not None)
+    if options.decimal is None and options.separator is None:
+        best.refuse_ambiguous(path, lines)
+    best.refuse_times_alone(path, lines)
+    if options.channels is None and Kind.text in best.kinds:
+        _refuse_decorated(path, lines, best.separator)
+    if options.header_lines is None:
+        best.refuse_other_headings(path, lines)
+    best.refuse_tagged(path, lines)
+    return best
+
+
+def _possible_dialects(lines: Sequence[str], options: ReadOptions) -> list[Dialect]:
+    """Return the dialects in which the lines are a table."""
     candidates: list[Dialect] = []
     for separator in (options.separator,) if options.separator else _SEPARATORS:
         for decimal in (options.decimal,) if options.decimal else (".", ","):
@@ -340,24 +370,44 @@ def detect_dialect(path: Path, lines: Sequence[str], options: ReadOptions) -> Di
             dialect = _try_dialect(lines, separator, decimal, options.header_lines)
             if dialect is not None:
                 candidates.append(dialect)
-    if not candidates:
-        _refuse_stamps_alone(path, lines)
-        raise DataError(
-            f"{path} holds no table of numbers that could be found.",
-            field="separator",
-            remedy="Specify how it is written, for example {separator=';'}, {decimal=','}, "
-            "{header_lines=8}.",
-        )
+    return candidates
 
-    best = max(candidates, key=Dialect.rank)
-    best.refuse_thousands(path, is_decimal_specified=options.decimal is not None)
-    if options.decimal is None and options.separator is None:
-        best.refuse_ambiguous(path, lines)
-    best.refuse_times_alone(path, lines)
-    if options.header_lines is None:
-        best.refuse_other_headings(path, lines)
-    best.refuse_tagged(path, lines)
-    return best
+
+def _no_table_error(path: Path, lines: Sequence[str], options: ReadOptions) -> DataError:
+    """Return the error of lines without a table; times or numbers with units raise theirs."""
+    _refuse_stamps_alone(path, lines)
+    for separator in (options.separator,) if options.separator else _SEPARATORS[:-1]:
+        _refuse_decorated(path, lines, separator)
+    return DataError(
+        f"{path} holds no table of numbers that could be found.",
+        field="separator",
+        remedy="Specify how it is written, for example {separator=';'}, {decimal=','}, "
+        "{header_lines=8}.",
+    )
+
+
+def _refuse_decorated(path: Path, lines: Sequence[str], separator: str) -> None:
+    """Refuse a column whose numbers are written with a unit, a name or brackets in each row."""
+    rows = {
+        number: split_line(line, separator) for number, line in enumerate(lines, 1) if line.strip()
+    }
+    tail = list(rows.values())[-_TAIL_LINES:]
+    for column in range(len(tail[-1]) if tail else 0):
+        texts = [row[column] for row in tail if column < len(row)]
+        n_decorated = sum(_DECORATED.fullmatch(text) is not None for text in texts)
+        # A text such as "12 V" in all rows is a remark.
+        if 2 * n_decorated <= len(tail) or len(set(texts)) < _MIN_DECORATED:
+            continue
+
+        for number, row in rows.items():
+            match = _DECORATED.fullmatch(row[column]) if column < len(row) else None
+            if match is not None:
+                unit = match["unit"]
+                advice = f", and {unit!r} in the heading, in square brackets" if unit else ""
+                raise DataError(
+                    f"{path}: line {number}: {row[column][:40]!r} is a number with a unit, a name "
+                    f"or brackets around it. Export the numbers alone{advice}."
+                )
 
 
 def _refuse_stamps_alone(path: Path, lines: Sequence[str]) -> None:

@@ -177,6 +177,14 @@ def test_notes_of_one_kind_become_one_line(capsys: pytest.CaptureFixture[str]) -
     )
 
 
+def test_equal_notes_stay_equal_if_a_name_is_a_word_of_them(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    notes = [("dead", "A dead sensor?"), ("other", "A dead sensor?")]
+
+    assert printed_notes(capsys, notes) == ["note: in 2 recordings (dead, other): A dead sensor?"]
+
+
 def test_few_notes_that_differ_in_a_number_and_notes_of_other_kinds_stay(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -105,24 +105,24 @@ def print_merged_notes(notes: Iterable[tuple[str, str]], kind: str = "note") -> 
     notes : pairs of a recording's name and the note on it.
     kind : first word of each line.
     """
-    notes_by_pattern: dict[str, list[tuple[str, str]]] = {}
-    for name, text in notes:
-        # The name may stand in the text, too.
-        pattern = _NUMBER.sub("#", text.replace(name, "#"))
-        notes_by_pattern.setdefault(pattern, []).append((name, text))
+    pairs = list(notes)
+    names_by_text: dict[str, list[str]] = {}
+    for name, text in pairs:
+        names_by_text.setdefault(text, []).append(name)
 
-    for group in notes_by_pattern.values():
-        names_by_text: dict[str, list[str]] = {}
-        for name, text in group:
-            names_by_text.setdefault(text, []).append(name)
+    texts_by_pattern: dict[str, list[str]] = {}
+    for text, names in names_by_text.items():
+        # The recording's name may stand in the text, too.
+        pattern = _NUMBER.sub("#", text.replace(names[0], "#"))
+        texts_by_pattern.setdefault(pattern, []).append(text)
 
-        if len(names_by_text) > MAX_SINGLE_NOTES:
-            first_name, first_text = group[0]
-            names = list(dict.fromkeys(name for name, _ in group))
-            print_note(f"{kind}: {_note_subject(names)}, such as {first_name}: {first_text}")
+    for texts in texts_by_pattern.values():
+        if len(texts) > MAX_SINGLE_NOTES:
+            names = list(dict.fromkeys(name for name, text in pairs if text in texts))
+            print_note(f"{kind}: {_note_subject(names)}, such as {names[0]}: {texts[0]}")
             continue
-        for text, names in names_by_text.items():
-            print_note(f"{kind}: {_note_subject(names)}: {text}")
+        for text in texts:
+            print_note(f"{kind}: {_note_subject(names_by_text[text])}: {text}")
 
 
 def _note_subject(names: Sequence[str]) -> str:

@@ -106,10 +106,10 @@ def test_an_evaluation_of_no_recording_states_what_was_excluded(
 def test_a_detector_scores_all_classes_and_excludes_recordings_without_one() -> None:
     detector = AnomalyDetector(error_rate=0.2).fit([recording(f"h{n}") for n in range(8)])
 
-    evaluation = evaluate_model(detector, [*MIXED[:2], *MIXED[5:7]])
+    evaluation = evaluate_model(detector, [*MIXED[:2], *MIXED[5:7], MIXED[-1]])
 
-    (exclusion,) = evaluation.excluded
-    assert (exclusion.reason, list(exclusion.recordings)) == ("no class", ["open"])
+    excluded = {exclusion.reason: list(exclusion.recordings) for exclusion in evaluation.excluded}
+    assert excluded == {"no class": ["open"], "unusable": ["fast"]}
     labels = [score.label for score in evaluation.scores.classes]
     assert labels == ["normal", "piston", "swash_plate"]
 

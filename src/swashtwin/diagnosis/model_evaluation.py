@@ -1,6 +1,7 @@
 """Evaluation of a saved model on recordings, of which each that is not scored has a reason."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from swashtwin.diagnosis.fault_classifier import FaultClassifier
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.recording_arguments import require_layout
 from swashtwin.foundation import DataError, InputError, to_table
-from swashtwin.learning import ConfidenceScores, Scores, WindowSet
+from swashtwin.learning import ConfidenceScores, Scores, WindowLayout, WindowSet
 from swashtwin.recordings import Recording
 
 
@@ -56,6 +57,36 @@ def evaluate_model(
     DataError
         No recording is left to score.
     """
+    candidates, exclusions = _partition_by_facts(model, recordings)
+    unusable: dict[str, str] = {}
+    windows: WindowSet | None = None
+    if not isinstance(model, PriorClassifier):
+        # A pump prior gives a recording of another layout no verdict, and counts it.
+        candidates, unusable = _select_layout(model.fitted_.layout, candidates)
+    if isinstance(model, FaultClassifier) and candidates:
+        candidates, windows, refused = _cut_usable(model, candidates)
+        unusable |= refused
+    exclusions.append(Exclusion("unusable", unusable))
+    excluded = tuple(exclusion for exclusion in exclusions if exclusion.recordings)
+    if not candidates:
+        raise DataError(_describe_nothing_to_score(excluded))
+
+    if not isinstance(model, FaultClassifier):
+        return Evaluation(model.evaluate(candidates), None, tuple(candidates), excluded)
+
+    assert windows is not None
+    reference = model.fitted_.training_reference
+    split = None if reference is None else learning.split_between(reference, candidates)
+    confidence = None
+    if model.fitted_.confidence is not None:
+        confidence = learning.score_confidence(model.fitted_, windows)
+    return Evaluation(model.evaluate(windows, split=split), confidence, tuple(candidates), excluded)
+
+
+def _partition_by_facts(
+    model: FaultClassifier | AnomalyDetector | PriorClassifier, recordings: Sequence[Recording]
+) -> tuple[list[Recording], list[Exclusion]]:
+    """Return the recordings to score by their facts alone, and the others by reason."""
     _, in_training = learning.unseen_recordings(model.manifest, recordings)
     synthetic: dict[str, str] = {}
     without_class: dict[str, str] = {}
@@ -74,31 +105,27 @@ def evaluate_model(
         else:
             candidates.append(recording)
 
-    unusable: dict[str, str] = {}
-    windows: WindowSet | None = None
-    if isinstance(model, FaultClassifier) and candidates:
-        candidates, windows, unusable = _cut_usable(model, candidates)
-    exclusions = (
+    return candidates, [
         Exclusion("synthetic", synthetic),
         Exclusion("in training", in_training),
         Exclusion("no class", without_class),
         Exclusion("untrained class", of_untrained_class),
-        Exclusion("unusable", unusable),
-    )
-    excluded = tuple(exclusion for exclusion in exclusions if exclusion.recordings)
-    if not candidates:
-        raise DataError(_describe_nothing_to_score(excluded))
+    ]
 
-    if not isinstance(model, FaultClassifier):
-        return Evaluation(model.evaluate(candidates), None, tuple(candidates), excluded)
 
-    assert windows is not None
-    reference = model.fitted_.training_reference
-    split = None if reference is None else learning.split_between(reference, candidates)
-    confidence = None
-    if model.fitted_.confidence is not None:
-        confidence = learning.score_confidence(model.fitted_, windows)
-    return Evaluation(model.evaluate(windows, split=split), confidence, tuple(candidates), excluded)
+def _select_layout(
+    layout: WindowLayout, recordings: list[Recording]
+) -> tuple[list[Recording], dict[str, str]]:
+    """Return the recordings that fit a model, and why others do not, by id."""
+    fitting: list[Recording] = []
+    misfits: dict[str, str] = {}
+    for recording in recordings:
+        try:
+            require_layout(layout, recording)
+            fitting.append(recording)
+        except DataError as cause:
+            misfits[recording.recording_id] = str(cause)
+    return fitting, misfits
 
 
 def _cut_usable(
@@ -106,23 +133,12 @@ def _cut_usable(
 ) -> tuple[list[Recording], WindowSet | None, dict[str, str]]:
     """Return the usable recordings, their windows, and why others are unusable, by id."""
     unusable: dict[str, str] = {}
+    with suppress(DataError, InputError):
+        return recordings, model.cut_windows(recordings), unusable
+
+    # Rare, so that recordings are read a second time only to find which ones are unusable.
     usable: list[Recording] = []
     for recording in recordings:
-        try:
-            require_layout(model.fitted_.layout, recording)
-            usable.append(recording)
-        except DataError as cause:
-            unusable[recording.recording_id] = str(cause)
-    if not usable:
-        return [], None, unusable
-
-    try:
-        return usable, model.cut_windows(usable), unusable
-    except (DataError, InputError):
-        # Rare, so that recordings are read a second time only to find which ones are unusable.
-        candidates = usable
-    usable = []
-    for recording in candidates:
         try:
             model.cut_windows([recording])
             usable.append(recording)

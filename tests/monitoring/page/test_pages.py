@@ -100,6 +100,23 @@ def test_an_unknown_recording_has_no_shares_of_trained_classes(client: TestClien
     assert "99 %" not in text
 
 
+def test_a_recording_that_a_pump_prior_does_not_know_states_its_reason(
+    client: TestClient, plant
+) -> None:
+    # A prior has no error rate, and its p-value is not why lines that changed little are unknown.
+    verdict = {"unknown": True, "error_rate": None, "reasons": ["Its lines changed little."]}
+    reasons: dict[str, object] = {name: [] for name in ("findings", "moved", "sentences", "notes")}
+    unknown = judgment(901, label="unknown", ood_p=0.4, reasons=reasons | {"verdict": verdict})
+    with plant.history.machine("pump-1") as transaction:
+        transaction.add_recording(unknown)
+        number = unknown.id
+
+    text = client.get(f"/recordings/{number}").text
+
+    assert "Its lines changed little." in text
+    assert "differs from every trained class" not in text
+
+
 def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(
     client: TestClient, plant
 ) -> None:

@@ -3,7 +3,7 @@ commands.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.signal
 from commandline import run
 
 from swashtwin.cli.diagnosing import _verdict_row
@@ -212,6 +213,64 @@ def test_a_verdict_on_small_changes_of_lines_states_their_size() -> None:
 
     assert verdict.verdict == "unknown"
     assert "(1.5 are needed to name a fault), so piston would be a guess" in verdict.sentence()
+
+
+def filtered(row: np.ndarray, edge_hz: float, kind: str) -> np.ndarray:
+    sections = scipy.signal.butter(4, edge_hz, kind, fs=RATE, output="sos")
+    return np.asarray(scipy.signal.sosfilt(sections, row))
+
+
+def noise(row: np.ndarray, share: float) -> np.ndarray:
+    return np.random.default_rng(7).normal(0, share * row.std(), row.size)
+
+
+@pytest.mark.parametrize("label", ["normal", "piston"])
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        pytest.param(lambda row: noise(row, 1e-4), "channel body_y", id="dead"),
+        pytest.param(lambda row: noise(row, 1e-2), "channel body_y", id="cable off"),
+        pytest.param(lambda row: filtered(row, 1000, "low"), "noise floor", id="low-pass"),
+        pytest.param(lambda row: filtered(row, 300, "low"), "noise floor", id="strong low-pass"),
+        pytest.param(lambda row: filtered(row, 500, "high"), "noise floor", id="high-pass"),
+        pytest.param(lambda row: 10 * row, "dB alike", id="gain"),
+        pytest.param(lambda row: row / 9.81, "dB alike", id="other unit"),
+    ],
+)
+def test_a_changed_sensor_names_no_fault(
+    label: str, change: Callable[[np.ndarray], np.ndarray], reason: str
+) -> None:
+    member = recording(label, 9)
+    signal = member.signal.astype(np.float64)
+    signal[1] = change(signal[1])
+    verdict = adapted().diagnose(replace(member, signal=signal))
+
+    assert verdict.verdict == "unknown"
+    assert reason in verdict.sentence()
+    assert "which no fault does" in verdict.sentence()
+
+
+def test_a_pump_at_another_speed_than_specified_names_no_fault() -> None:
+    faster = recording("normal", 9, condition=CONDITION.replace(speed=rpm(1100)))
+    verdict = adapted().diagnose(replace(faster, condition=CONDITION))
+
+    assert verdict.verdict == "unknown"
+    assert "ran at another speed than specified" in verdict.sentence()
+
+
+def test_a_doubled_channel_is_noted() -> None:
+    member = recording("normal", 9)
+    signal = member.signal.copy()
+    signal[2] = 0.5 * np.roll(signal[0], 1)
+    verdict = adapted().diagnose(replace(member, signal=signal))
+
+    assert any("contains the signal of channel cover_z, 1 sample later" in n for n in verdict.notes)
+
+
+@pytest.mark.parametrize("label", list(FAULTS))
+def test_no_fault_is_taken_for_a_changed_sensor(label: str) -> None:
+    verdict = adapted().diagnose(recording(label, 9))
+    assert "which no fault does" not in " ".join((verdict.sentence(), *verdict.notes))
 
 
 @pytest.mark.parametrize(

@@ -192,6 +192,60 @@ def test_samples_that_were_made_of_fewer_ones_are_reported(
     assert message in findings_of(recording_of(signal))["made"].message
 
 
+# ---- doubled channels
+
+
+def two_channels(second: np.ndarray) -> Recording:
+    return Recording(np.stack([vibration(), second]), RATE, "r", channels=("x", "y"))
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        pytest.param(vibration(), "it contains the signal of channel x: one", id="equal"),
+        pytest.param(np.roll(vibration(), 1), "of channel x, 1 sample later: one", id="late"),
+        pytest.param(
+            -0.3 * np.roll(vibration(), 4) + 7, "of channel x, 4 samples later", id="scaled, late"
+        ),
+        pytest.param(
+            np.round(2000 * np.roll(vibration(), 8)), "of channel x, 8 samples later", id="counts"
+        ),
+    ],
+)
+def test_a_channel_with_the_signal_of_another_one_is_reported(
+    second: np.ndarray, message: str
+) -> None:
+    finding = findings_of(two_channels(second))["doubled"]
+
+    assert finding.channel == "y"
+    assert message in finding.message
+
+
+def test_the_earlier_of_two_doubled_channels_is_the_original() -> None:
+    recording = two_channels(vibration()).replace(
+        signal=np.stack([np.roll(vibration(), 2), vibration()])
+    )
+    assert findings_of(recording)["doubled"].channel == "x"
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        pytest.param(vibration(seed=1), id="same tone in other noise"),
+        pytest.param(np.roll(vibration(), 1) + 0.05 * vibration(2), id="nearly the same"),
+        pytest.param(np.roll(vibration(), 40), id="beyond the delays of a logger"),
+    ],
+)
+def test_another_sensor_on_the_same_machine_is_not_doubled(second: np.ndarray) -> None:
+    assert "doubled" not in findings_of(two_channels(second))
+
+
+def test_equal_tones_without_noise_are_not_doubled() -> None:
+    tones = [np.sin(2 * np.pi * 143.3 * TIME + phase) for phase in (0.0, 0.3, 1.0)]
+    recording = Recording(np.stack(tones), RATE, "r", channels=("x", "y", "z"))
+    assert "doubled" not in findings_of(recording)
+
+
 # ---- diagnosis
 
 
@@ -205,3 +259,29 @@ def test_a_diagnosis_notes_spikes_and_has_no_verdict_on_marked_samples() -> None
     assert any("spikes" in note for note in spiky.notes)
     assert marked.no_verdict is not None
     assert "mark of missing values" in marked.no_verdict
+
+
+@pytest.mark.parametrize(
+    ("second", "note"),
+    [
+        pytest.param(np.roll(vibration(50), 1), "contains the signal of channel x", id="doubled"),
+        pytest.param(np.clip(vibration(51), -1, 1), "the range was exceeded", id="clipped"),
+        pytest.param(
+            np.where(TIME < 0.2, 0.0, vibration(51)), "flat stretches", id="without a signal"
+        ),
+    ],
+)
+def test_a_diagnosis_notes_what_the_inspection_warns_of(second: np.ndarray, note: str) -> None:
+    healthy = [
+        Recording(
+            np.stack([vibration(seed), vibration(100 + seed)]),
+            RATE,
+            f"r{seed}",
+            channels=("x", "y"),
+        )
+        for seed in range(12)
+    ]
+    detector = AnomalyDetector().fit(healthy)
+    recording = Recording(np.stack([vibration(50), second]), RATE, "new", channels=("x", "y"))
+
+    assert any(note in text for text in detector.diagnose(recording).notes)

@@ -31,7 +31,7 @@ from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
     Manifest,
     Recording,
-    describe_impossible_values,
+    describe_sensor_doubts,
     find_exact_copies,
     specified_shaft_frequency,
     summarize_recordings,
@@ -224,7 +224,7 @@ class AnomalyDetector(Estimator):
             with recording.loaded():
                 deviation = healthy.deviation(recording)
                 content = recording.content_hashes()
-                doubts = describe_impossible_values(recording)
+                doubts = describe_sensor_doubts(recording)
         except DataError as cause:
             return replace(diagnosis, no_verdict=str(cause))
         if not math.isfinite(deviation.score):

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int, Int64, Shaped
 
 from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
+from swashtwin.diagnosis.changed_sensors import describe_changed_sensors
 from swashtwin.diagnosis.prior_head import (
     MIN_LINE_CHANGE,
     UNKNOWN_RATE,
@@ -52,7 +53,7 @@ from swashtwin.recordings import (
     Manifest,
     Recording,
     build_manifest,
-    describe_impossible_values,
+    describe_sensor_doubts,
     find_exact_copies,
     join_manifests,
     specified_pressure,
@@ -365,7 +366,7 @@ class PriorClassifier:
         """Return the likeliest class of a recording; no verdict if it cannot be compared.
 
         It is unknown if at most `UNKNOWN_RATE` of the virtual recordings fit the classes as badly,
-        or if its lines changed little.
+        if its lines changed little, or if a sensor changed since the healthy recordings.
 
         Raises
         ------
@@ -380,7 +381,7 @@ class PriorClassifier:
         try:
             with recording.loaded():
                 change, notes = self.change(recording)
-                notes = (*notes, *describe_impossible_values(recording))
+                notes = (*notes, *describe_sensor_doubts(recording))
                 content = recording.content_hashes()
         except DataError as cause:
             return replace(diagnosis, no_verdict=str(cause))
@@ -397,8 +398,11 @@ class PriorClassifier:
         is_last_class = probability.argmax() == len(self.classes) - 1
         line_change = head.line_change(change, self.bands)
 
-        reasons: tuple[str, ...] = ()
-        if p_value <= UNKNOWN_RATE or is_last_class:
+        scatter = head.scale.reshape(change.shape)
+        reasons = describe_changed_sensors(change, scatter, self.bands, self.channels)
+        if reasons:
+            notes = (*reasons[1:], *notes)
+        elif p_value <= UNKNOWN_RATE or is_last_class:
             reason = (
                 f"The recording fits the prior's classes worse than {100 * (1 - p_value):.3g} % of "
                 f"the virtual recordings do (unknown from {100 * (1 - UNKNOWN_RATE):g} %). It "

@@ -32,7 +32,7 @@ from swashtwin.learning import (
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
     Recording,
-    describe_impossible_values,
+    describe_sensor_doubts,
     find_exact_copies,
     specified_shaft_frequency,
     summarize_recordings,
@@ -104,7 +104,7 @@ def diagnose(
         with recording.loaded():
             answers = _answer_windows(classifier, recording)
             notes = _recording_notes(classifier, recording)
-            notes += describe_impossible_values(recording)
+            notes += describe_sensor_doubts(recording)
     except DataError as cause:
         return replace(diagnosis, no_verdict=str(cause))
 

@@ -1,13 +1,14 @@
 """Names that other rooms import, and where each lives."""
 
 from .channel_checks import count_clipped_samples as count_clipped_samples
-from .channel_checks import describe_impossible_values as describe_impossible_values
+from .channel_checks import describe_sensor_doubts as describe_sensor_doubts
 from .channel_checks import require_usable as require_usable
 from .collection import Recordings as Recordings
 from .collection import load_recordings as load_recordings
 from .columns import BLOCK_SAMPLES as BLOCK_SAMPLES
 from .dataset_checks import class_name_findings as class_name_findings
 from .dataset_checks import layout_findings as layout_findings
+from .doubled_channels import find_doubled_channels as find_doubled_channels
 from .entry import Entry as Entry
 from .file_formats import WRITABLE_SUFFIXES as WRITABLE_SUFFIXES
 from .file_formats import find_readable_files as find_readable_files

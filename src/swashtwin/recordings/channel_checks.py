@@ -12,6 +12,7 @@ from swashtwin.recordings.channel_statistics import (
     compute_channel_statistics,
     find_runs,
 )
+from swashtwin.recordings.doubled_channels import find_doubled_channels
 from swashtwin.recordings.findings import Finding
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.recording_facts import specified_shaft_frequency
@@ -127,21 +128,25 @@ def _find_unusable_channel(
     return None
 
 
-def describe_impossible_values(recording: Recording) -> tuple[str, ...]:
-    """Return sentences about spikes, and about samples that were made of fewer ones."""
-    sentences = []
-    statistics = compute_channel_statistics(recording)
-    for name, channel in zip(recording.channels, statistics, strict=True):
-        for finding in (_check_spikes(recording, name, channel), _check_made(name, channel)):
-            if finding is not None:
-                sentences.append(f"Channel {name}: {finding.message}")
-    return tuple(sentences)
+def describe_sensor_doubts(recording: Recording) -> tuple[str, ...]:
+    """Return sentences on channels that a sensor did not measure as they are.
+
+    Every model notes them with its verdict. An offset is left out, since no model regards it.
+    """
+    findings = check_channels(recording, compute_channel_statistics(recording))
+    return tuple(
+        f"Channel {finding.channel}: {finding.message}"
+        for finding in findings
+        if finding.kind != "offset"
+    )
 
 
 def check_channels(
     recording: Recording, statistics: Sequence[ChannelStatistics]
 ) -> Iterator[Finding]:
-    """Yield clipping, dropouts and offsets of each channel that is not constant."""
+    """Yield clipping, dropouts and offsets of each channel that is not constant, and channels with
+    one signal.
+    """
     counts = _count_at_extremes(recording, statistics)
     for name, channel, channel_counts in zip(recording.channels, statistics, counts, strict=True):
         if channel.is_constant:
@@ -158,6 +163,13 @@ def check_channels(
         for finding in findings:
             if finding is not None:
                 yield finding
+
+    for doubled in find_doubled_channels(recording):
+        message = (
+            f"it {doubled.description}: one sensor recorded twice? Check the cables, and which "
+            "inputs the logger stores."
+        )
+        yield Finding("doubled", "warning", doubled.channel, message)
 
 
 def _check_extremes(

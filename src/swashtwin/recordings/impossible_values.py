@@ -233,7 +233,9 @@ def _describe_held(changes: Int[np.ndarray, " change"]) -> str:
         is_held = (lengths >= shortest) & (lengths <= longest)
         # In samples: the few long runs of a clipped signal hold a large part of them.
         held_share = lengths[is_held].sum() / lengths.sum()
-        if longest > 1 and held_share >= _MIN_PATTERN_SHARE:
+        # A dropout at the beginning is longer than the values that follow it.
+        begins_held = changes[0] <= longest
+        if longest > 1 and begins_held and held_share >= _MIN_PATTERN_SHARE:
             times = f"{shortest}" if longest == shortest else f"{shortest} or {longest}"
             return f"every value stands {times} times"
     return ""

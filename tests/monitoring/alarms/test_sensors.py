@@ -76,9 +76,14 @@ def low_passed(signal: np.ndarray) -> np.ndarray:
     return scipy.signal.lfilter(b, a, signal, axis=1)
 
 
-def doubled(gain: float, offset: float) -> Change:
+def doubled(gain: float, offset: float, delay: int = 0) -> Change:
     """Return a change that shows the signal of the second channel in the first, too."""
-    return lambda signal: np.vstack([gain * signal[1:2] + offset, signal[1:]])
+
+    def changed(signal: np.ndarray) -> np.ndarray:
+        late = np.roll(signal[1:2], delay, axis=1)
+        return np.vstack([gain * late + offset, signal[1:]])
+
+    return changed
 
 
 flat = stuck_at(slice(None), 0.0)
@@ -104,6 +109,8 @@ FAULTS = {
     "doubled": ("equal", doubled(1.0, 0.0)),
     "doubled with another gain": ("equal", doubled(0.7, 3.0)),
     "doubled and inverted": ("equal", doubled(-1.0, 0.0)),
+    "doubled, one sample late": ("equal", doubled(1.0, 0.0, delay=1)),
+    "doubled, five samples late, with another gain": ("equal", doubled(-0.4, 2.0, delay=5)),
     "lost high frequencies": ("muffled", first(low_passed)),
     "all lost high frequencies": ("muffled", low_passed),
     # Without lines of the pump the level does not matter: the hall may be nearly as loud.

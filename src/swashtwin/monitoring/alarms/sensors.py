@@ -16,6 +16,7 @@ from swashtwin.monitoring.alarms.baseline import LARGE_CHANGE_SPREADS, Operating
 from swashtwin.recordings import (
     Recording,
     count_clipped_samples,
+    find_doubled_channels,
     find_outliers,
     specified_shaft_frequency,
 )
@@ -110,7 +111,8 @@ def check_sensors(recording: Recording) -> tuple[SensorFinding, ...]:
 
     # Sensors are compared only if each is sound: two flat channels are no doubled ones.
     signal = recording.signal
-    return _compare_channels(signal - signal.mean(axis=1, keepdims=True), recording.channels)
+    centered = signal - signal.mean(axis=1, keepdims=True)
+    return _compare_channels(centered, recording.channels) or _check_late_channels(recording)
 
 
 def _check_channel(
@@ -195,6 +197,18 @@ def _compare_channels(
             f"channels {names[first]} and {names[second]} contain the same signal.",
         )
         for first, second in np.argwhere(np.abs(correlation) >= EQUAL_CORRELATION).tolist()
+    )
+
+
+def _check_late_channels(recording: Recording) -> tuple[SensorFinding, ...]:
+    """Return pairs of channels of which one contains the signal of the other, samples later."""
+    return tuple(
+        SensorFinding(
+            "equal",
+            f"{doubled.original}, {doubled.channel}",
+            f"channel {doubled.channel} {doubled.description}.",
+        )
+        for doubled in find_doubled_channels(recording)
     )
 
 

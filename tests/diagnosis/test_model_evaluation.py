@@ -142,3 +142,16 @@ def test_the_command_names_what_it_excludes_and_the_denominators(
         "unusable",
     ]
     assert one_line(run("evaluate", model, tmp_path / "nowhere", code=3))
+
+
+def test_the_page_states_how_many_recordings_are_not_scored(
+    classifier: FaultClassifier, tmp_path: Path
+) -> None:
+    model = classifier.save(tmp_path / "model.safetensors")
+    store = write_store([*MIXED[:2], MIXED[5]], tmp_path / "test.h5")
+
+    run("evaluate", model, store, "--report", tmp_path / "page.html")
+
+    page = (tmp_path / "page.html").read_text()
+    assert "1 without a class" in page
+    assert "without a class" not in page.partition("</title>")[0]

@@ -178,11 +178,11 @@ def test_twins_fill_a_scarce_cell_at_each_speed(monkeypatch: pytest.MonkeyPatch)
     scenario = Scenario(windows=2, scarce_windows=2, held_out=1)
     dataset = prepare_dataset(recordings, scenario, 0, [])
 
-    speeds = [condition.speed for condition in dataset.conditions()]
+    speeds = [condition.speed for condition in dataset.conditions(MPa(15))]
     assert speeds == pytest.approx([rpm(860), rpm(1120)])
 
     # two forms of the fault at two speeds
-    twins, _, _ = build_twins(dataset, "nominal", "valve_plate")
+    twins, _, _ = build_twins(dataset, "nominal", "valve_plate", MPa(15))
     assert len(twins) == 4
 
 

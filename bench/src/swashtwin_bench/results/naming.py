@@ -9,6 +9,23 @@ TRAINING_SETS = {
     "default_prior": "with draws of calibrated twins, default severities",
     "every_class": "with calibrated twin, every class",
     "class_weights": "class weights",
+    "nominal_every_class": "with nominal twin, every class",
+    "nominal_everywhere": "with nominal twin, every class and pressure",
+    "nominal_few": "with nominal twin, few assemblies",
+    "nominal_every_class_few": "with nominal twin, every class, few assemblies",
+    "nominal_every_class_alike": "with nominal twin, every class, as many windows as measured",
+    "no_gain": "with nominal twin without gain",
+    "no_gain_every_class": "with nominal twin without gain, every class",
+    "no_gain_everywhere": "with nominal twin without gain, every class and pressure",
+    "law_every_class": "with calibrated twin and law of the recess, every class",
+    "law_everywhere": "with calibrated twin and law of the recess, every class and pressure",
+    "ceiling_true": "ceiling: true values",
+    "ceiling_true_every_class": "ceiling: true values, every class",
+    "ceiling_true_everywhere": "ceiling: true values, every class and pressure",
+    "ceiling_perfect": "ceiling: the rig's own lines",
+    "ceiling_perfect_every_class": "ceiling: the rig's own lines, every class",
+    "ceiling_perfect_everywhere": "ceiling: the rig's own lines, every class and pressure",
+    "ceiling_perfect_few": "ceiling: the rig's own lines, few assemblies",
 }
 """Label of each training set; a filler is labeled by its name."""
 

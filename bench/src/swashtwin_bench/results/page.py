@@ -226,7 +226,7 @@ def _find_reason(tests: Sequence[tuple[Run, dict[str, Any]]], metric: str) -> st
 
 
 def build_differences_table(study: StudyResult) -> Table:
-    """Return the table of differences of accuracy, paired by seed."""
+    """Return the table of differences of the study's metric, paired by seed."""
     rows = []
     for pair in study.differences():
         first = format_factor(pair.factor, pair.first[pair.factor])
@@ -260,7 +260,8 @@ def build_differences_table(study: StudyResult) -> Table:
     else:
         method = "the corrected resampled t, because the seeds split the same recordings"
     return Table(
-        f"Differences of accuracy in points, paired by seed; 95 % intervals by {method}.",
+        f"Differences of {METRICS[study.metric]} in points, paired by seed; 95 % intervals by "
+        f"{method}.",
         ("difference", "for", "points", "95 % interval", "seeds", "excludes zero"),
         tuple(rows),
     )

@@ -49,6 +49,9 @@ TEST_FACTORS = ("split", "perturbation")
 Row = Mapping[str, str]
 """Factors of a row."""
 
+Contrasts = Mapping[str, Sequence[tuple[str, str]]]
+"""Pairs of training sets, of which the second is subtracted from the first, by their question."""
+
 
 def build_score_row(scores: Scores, scarce_recall: float) -> dict[str, Any]:
     """Return the row of one test in a run's file: scores, confusion, interval and reasons.
@@ -99,7 +102,7 @@ def factors_of_test(row: Mapping[str, Any]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of accuracy between two rows, averaged over the seeds that both have."""
+    """Difference of a metric between two rows, averaged over the seeds that both have."""
 
     first: Row
     """Factors of the first row."""
@@ -113,6 +116,8 @@ class Difference:
     """95 % interval of the mean (`paired_interval`); NaN for one seed."""
     pairs: int
     """Number of seeds that both have."""
+    metric: str = "accuracy"
+    """Name in `METRICS`."""
 
     @property
     def is_clear(self) -> bool:
@@ -126,11 +131,31 @@ class Difference:
     def _comparison(self) -> str:
         first = format_factor(self.factor, self.first[self.factor])
         second = format_factor(self.factor, self.second[self.factor])
+        quantity = METRICS[self.metric]
+        capitalized = quantity[0].upper() + quantity[1:]
         if self.factor == "classifier":
-            return f"Accuracy of {first} minus accuracy of {second}"
+            return f"{capitalized} of {first} minus {quantity} of {second}"
 
         classifier = format_factor("classifier", self.first["classifier"])
-        return f"Accuracy of {classifier} {_with(first)} minus accuracy {_with(second)}"
+        return f"{capitalized} of {classifier} {_with(first)} minus {quantity} {_with(second)}"
+
+    @property
+    def points(self) -> str:
+        """The first value of the factor and the difference in percentage points, in short.
+
+        Examples
+        --------
+        >>> first = {"classifier": "svm", "training_set": "calibrated"}
+        >>> second = {"classifier": "svm", "training_set": "nominal"}
+        >>> Difference(first, second, "training_set", 0.018, (0.008, 0.028), 5).points
+        'with calibrated twin +1.8 (+0.8 to +2.8)'
+        """
+        label = format_factor(self.factor, self.first[self.factor])
+        if self.pairs < 2:
+            return f"{label} {100 * self.mean:+.1f} (one seed)"
+
+        low, high = (100 * limit for limit in self.interval)
+        return f"{label} {100 * self.mean:+.1f} ({low:+.1f} to {high:+.1f})"
 
     @property
     def sentence(self) -> str:
@@ -161,6 +186,7 @@ class Difference:
             "mean": _nan_to_none(self.mean),
             "interval": [_nan_to_none(limit) for limit in self.interval],
             "pairs": self.pairs,
+            "metric": self.metric,
         }
 
 
@@ -184,6 +210,10 @@ class StudyResult(StudyTable):
     """Value of a factor that its other values are compared with, by factor."""
     unfilled_variant: str | None = None
     """Variant of the rows without synthetic windows, which are compared with all variants."""
+    metric: str = "accuracy"
+    """Metric of the differences, a name in `METRICS`."""
+    contrasts: Contrasts = field(default_factory=dict)
+    """Pairs of training sets that are compared besides those with a reference value."""
     calibrations: tuple[Calibration, ...] = ()
     """Calibrations of the first seed, if their files exist."""
 
@@ -228,7 +258,7 @@ class StudyResult(StudyTable):
 
         mean = float(np.mean(differences)) if differences else math.nan
         interval = paired_interval(differences, self._test_share(first))
-        return Difference(first, second, factor, mean, interval, len(differences))
+        return Difference(first, second, factor, mean, interval, len(differences), metric)
 
     def _test_share(self, row: Row) -> float | None:
         """Return the ratio of test to training recordings; None if each seed has other recordings.
@@ -257,7 +287,23 @@ class StudyResult(StudyTable):
             others = [row for row in rows if row.get(factor, reference_value) != reference_value]
             for first, second in product(references, others):
                 if self._differ_only_in(factor, first, second):
-                    differences.append(self.difference(first, second, factor))
+                    differences.append(self.difference(first, second, factor, self.metric))
+
+        # Two questions may share a pair.
+        pairs = dict.fromkeys(pair for group in self.contrasts.values() for pair in group)
+        for first_set, second_set in pairs:
+            differences += self._contrast(first_set, second_set)
+
+        return [difference for difference in differences if difference.pairs]
+
+    def _contrast(self, first_set: str, second_set: str) -> list[Difference]:
+        """Return the difference between two training sets for each classifier and test."""
+        differences = []
+        for row in dict.fromkeys(tuple(trial.factors.items()) for trial in self.trials):
+            first = dict(row)
+            if first["training_set"] == first_set:
+                second = {**first, "training_set": second_set}
+                differences.append(self.difference(first, second, "training_set", self.metric))
 
         return [difference for difference in differences if difference.pairs]
 
@@ -275,8 +321,12 @@ class StudyResult(StudyTable):
     def sentences(self) -> tuple[str, ...]:
         """Return a text for each test: its best row, and the differences that the study compares.
 
-        Rows of fewer seeds than others are not compared for the best: they may be lucky.
+        Rows of fewer seeds than others are not compared for the best: they may be lucky. A study of
+        contrasts has a text for each question instead.
         """
+        if self.contrasts:
+            return tuple(self._contrast_sentences())
+
         rows = self.rows()
         differences = self.differences()
 
@@ -304,6 +354,28 @@ class StudyResult(StudyTable):
             texts.append(" ".join([text, *(pair.sentence for pair in pairs[:MAX_DIFFERENCES])]))
 
         return tuple(texts)
+
+    def _contrast_sentences(self) -> list[str]:
+        """Return a text for each question of the contrasts, and each classifier and test."""
+        sentences = []
+        for question, pairs in self.contrasts.items():
+            points_by_test: dict[str, list[str]] = {}
+            for first_set, second_set in pairs:
+                for difference in self._contrast(first_set, second_set):
+                    labels = [
+                        format_factor(name, value)
+                        for name, value in difference.first.items()
+                        if name != "training_set"
+                    ]
+                    points_by_test.setdefault(", ".join(labels), []).append(difference.points)
+
+            for test, points in points_by_test.items():
+                sentences.append(
+                    f"{test}: {question}, in points of {METRICS[self.metric]} "
+                    f"(95 % interval): {'; '.join(points)}."
+                )
+
+        return sentences
 
     @property
     def cells(self) -> dict[str, dict[str, int]]:

@@ -208,8 +208,8 @@ def _fault_lines(
 def sensor_lines(run: Run) -> Complex[np.ndarray, "sensor line"]:
     """Return lines [m/s^2], orders 1..., of the sensors' readings without noise or drift.
 
-    No model can know more about a run. Scores of twins are compared with these lines; nothing else
-    may use them.
+    No model can know more about a run. Scores of twins are compared with these lines, and ceilings
+    of studies are made of them (`studies.ceilings`); nothing else may use them.
     """
     pressure = _pressure_lines(run)
     lines = shell_lines(run, pressure)

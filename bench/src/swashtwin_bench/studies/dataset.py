@@ -130,8 +130,8 @@ class StudyDataset:
 
         return {role: sorted(ids) for role, ids in ids_by_role.items()}
 
-    def conditions(self) -> list[OperatingCondition]:
-        """Return the operating points of the scarce cells: one for each speed of the training."""
+    def conditions(self, pressure: float) -> list[OperatingCondition]:
+        """Return the operating points at a pressure [Pa]: one for each speed of the training."""
         speeds = self.measured.speed
         # Speeds scatter from recording to recording: close ones are averaged.
         groups = merge_close_values(speeds, SPEED_TOLERANCE)
@@ -139,9 +139,7 @@ class StudyDataset:
         conditions = []
         for group in np.unique(groups[~np.isnan(groups)]):
             speed = float(speeds[groups == group].mean())
-            conditions.append(
-                OperatingCondition(speed=speed, discharge_pressure=self.scenario.pressure)
-            )
+            conditions.append(OperatingCondition(speed=speed, discharge_pressure=pressure))
 
         return conditions
 

@@ -16,11 +16,12 @@ from swashtwin.diagnosis import save_classifier
 from swashtwin.foundation import InputError
 from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
 from swashtwin.pump import PRESSURE_TOLERANCE, load_pump, values_match
-from swashtwin_bench.results.result import build_score_row
+from swashtwin_bench.results.result import Contrasts, build_score_row
 from swashtwin_bench.results.runs import Task
-from swashtwin_bench.rigs.writing import PUMPS
+from swashtwin_bench.rigs.writing import PUMPS, RIG_VERSION
 from swashtwin_bench.rivals.baselines import ON_FEATURES
 from swashtwin_bench.rivals.models import Model, select_models, train_model
+from swashtwin_bench.studies.ceilings import CEILINGS
 from swashtwin_bench.studies.dataset import StudyDataset, count_cells
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, machined_faults
@@ -82,6 +83,10 @@ class Plan:
     """
     reference_values: Mapping[str, str] = field(default_factory=dict)
     """Value of a factor that its other values are compared with, by factor."""
+    metric: str = "accuracy"
+    """Metric of the comparisons, a name in `METRICS`."""
+    contrasts: Contrasts = field(default_factory=dict)
+    """Pairs of training sets that are compared besides those with a reference value."""
     size: str = "custom"
     """Name of the settings."""
     perturbations: tuple[Perturbation, ...] = ()
@@ -104,6 +109,16 @@ class Plan:
     def __post_init__(self) -> None:
         if not (self.models and self.training_sets):
             raise InputError("A study needs at least one classifier and one training set.")
+        if self.has_ceilings and self.rig != RIG_VERSION:
+            raise InputError(
+                f"Ceilings are drawn from the truth of version {RIG_VERSION} of the rig, not of "
+                f"version {self.rig}: select training_sets without ceiling."
+            )
+
+    @property
+    def has_ceilings(self) -> bool:
+        """Whether a training set is made with the hidden truth of the rig."""
+        return any(training_set.source in CEILINGS for training_set in self.training_sets.values())
 
     def with_settings(self, settings: PlanSettings) -> "Plan":
         """Return the plan with these settings.

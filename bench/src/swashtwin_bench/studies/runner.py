@@ -55,10 +55,16 @@ def run_plan(
     ArtifactError
         A run in the folder is damaged.
     InputError
-        The plan has no task.
+        The plan has no task, or it has ceilings and `source` is no fleet of the rig.
     """
     started = time.perf_counter()
     work = work or Work()
+    if plan.has_ceilings and not callable(source):
+        # The truth is drawn by the seed, so recordings of unknown origin have none.
+        raise InputError(
+            f"{plan.study} reads no recordings: its ceilings need the truth of the virtual rig. "
+            "Leave SOURCE out, or select training_sets without ceiling."
+        )
 
     seeds: Sequence[int] = work.seeds
     if plan.repeats:
@@ -264,6 +270,8 @@ def build_study(
         size=ordered[0]["size"],
         runs=tuple(ordered),
         reference_values=plan.reference_values,
+        metric=plan.metric,
+        contrasts=plan.contrasts,
         unfilled_variant=plan.unfilled_variant,
         calibrations=tuple(calibrations),
     )

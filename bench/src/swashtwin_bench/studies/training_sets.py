@@ -1,8 +1,8 @@
 """Training sets by name: the measured windows, and what fills the scarce cells."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
 from types import MappingProxyType
 from typing import Any
@@ -13,13 +13,33 @@ from swashtwin.calibration import FaultLaw, Posterior
 from swashtwin.foundation import InputError, derive_seed
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
-from swashtwin.pump import Fault
-from swashtwin.synthesis import DEFAULT_VARIATION, Variation, discriminative_score, simulate_windows
+from swashtwin.pump import PRESSURE_TOLERANCE, Fault, values_match
+from swashtwin.synthesis import (
+    DEFAULT_VARIATION,
+    Variation,
+    discriminative_score,
+    draw_twin,
+    simulate_windows,
+)
 from swashtwin_bench.fillers.available_fillers import FILLERS
+from swashtwin_bench.studies.ceilings import (
+    CEILINGS,
+    PERFECT_MODEL,
+    TRUE_VALUES,
+    build_true_twins,
+    record_perfect_windows,
+    without_gain,
+)
 from swashtwin_bench.studies.dataset import StudyDataset
 
 CALIBRATED_TWINS = ("calibrated", "posterior", "law")
 """Sources of calibrated twins: as calibrated, drawn from the posterior, with calibrated law."""
+
+NO_GAIN = "no_gain"
+"""Source of nominal twins as the paper's: no gain is fitted to healthy windows."""
+
+NOMINAL_TWINS = ("nominal", NO_GAIN)
+"""Sources of nominal twins."""
 
 RIG_VARIATION = Variation(severity=0.2, angle=math.radians(0.5))
 """Spread of severities and positions as on version 1 of the rig.
@@ -28,13 +48,17 @@ This assumes knowledge of many of its pumps.
 """
 
 
+# Settings of a training set that stand in the key of a run only if they are not the default.
+_LATER_SETTINGS = ("every_pressure", "assemblies", "as_many_as_measured")
+
+
 @dataclass(frozen=True)
 class TrainingSet:
     """Additions to the measured windows, and the weights of classes."""
 
     source: str | None = None
-    """Source of synthetic windows: ``"nominal"``, a name in `CALIBRATED_TWINS` or in `FILLERS`, or
-    None for no synthetic windows.
+    """Source of synthetic windows: a name in `NOMINAL_TWINS`, `CALIBRATED_TWINS`, `CEILINGS` or
+    `FILLERS`, or None for no synthetic windows.
     """
     every_class: bool = False
     """Fill all classes at the pressure of the scarce cells, not only the scarce ones.
@@ -45,13 +69,31 @@ class TrainingSet:
     """Give all classes, instead of all windows, the same weight in the loss of a network."""
     default_prior: bool = False
     """Spread severities and positions as `synthesize` does, not by `RIG_VARIATION`."""
+    every_pressure: bool = False
+    """Fill the cells at all pressures of the measured windows, not only at that of the scarce
+    cells.
+    """
+    assemblies: int | None = None
+    """Assemblies, each with one severity, that the windows of a cell share; None draws one for each
+    window.
+    """
+    as_many_as_measured: bool = False
+    """Fill all cells together with as many windows as are measured, not with
+    `Scenario.synthetic` each, so that both kinds weigh alike.
+    """
 
     def __post_init__(self) -> None:
-        sources = ("nominal", *CALIBRATED_TWINS, *FILLERS)
+        sources = (*NOMINAL_TWINS, *CALIBRATED_TWINS, *CEILINGS, *FILLERS)
         if self.source is not None and self.source not in sources:
             raise InputError(
                 f"Unknown source {self.source!r} of synthetic windows: must be one of "
                 f"{', '.join(sources)}."
+            )
+        drawn_once = (*NOMINAL_TWINS, *CEILINGS)
+        if self.assemblies is not None and self.source not in drawn_once:
+            raise InputError(
+                f"Windows of {self.source} do not share assemblies: the source must be one of "
+                f"{', '.join(drawn_once)}."
             )
 
     @property
@@ -67,11 +109,15 @@ class TrainingSet:
         faults : faults that twins simulate, by class.
         """
         filler = None
-        if self.source is not None:
+        if self.source is not None and self.source != PERFECT_MODEL:
             filler = repr(FILLERS.get(self.source, self.variation))
 
         table = {**asdict(self), "filler": filler}
         del table["default_prior"]  # the variation in "filler" shows it
+        for entry in fields(self):
+            # Runs from before these settings existed keep their key.
+            if entry.name in _LATER_SETTINGS and table[entry.name] == entry.default:
+                del table[entry.name]
         if self.every_class:
             # Otherwise only the scarce classes are simulated, and the scenario has their faults.
             table["faults"] = {name: list(map(repr, faults[name])) for name in sorted(faults)}
@@ -132,7 +178,10 @@ def synthetic_auroc(dataset: StudyDataset, synthetic: WindowSet) -> float:
     test = dataset.tests[dataset.scenario.splits[0]]
     scarce = dataset.scenario.scarce
     measured = test.subset(np.isin(test.label, scarce))
-    synthetic = synthetic.subset(np.isin(synthetic.label, scarce))
+    is_at_pressure = values_match(
+        synthetic.discharge_pressure, dataset.scenario.pressure, PRESSURE_TOLERANCE
+    )
+    synthetic = synthetic.subset(np.isin(synthetic.label, scarce) & is_at_pressure)
 
     # Windows of one recording would be recognized by that recording (`discriminative_score`).
     if len(set(measured.recording_id.tolist())) < 2 or len(synthetic) < 2:
@@ -148,54 +197,103 @@ def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSe
     if training_set.source is None or scenario.synthetic == 0:
         return synthetic
 
-    filler = FILLERS.get(training_set.source)
-    for label in measured.classes if training_set.every_class else scenario.scarce:
+    cells = list(_filled_cells(dataset, training_set))
+    count = scenario.synthetic
+    if training_set.as_many_as_measured:
+        count = max(1, len(measured) // len(cells))
+
+    for label, pressure in cells:
+        # Windows at the pressure of the scarce cells are the same if other pressures are filled.
+        address = () if pressure == scenario.pressure else (pressure,)
         # The seeds of the libraries are below 2^31.
-        seed = derive_seed(dataset.seed, "filling", label) % 2**31
-        if filler is not None:
-            windows = filler(
-                measured,
-                label=label,
-                pressure=scenario.pressure,
-                count=scenario.synthetic,
-                seed=seed,
-            )
-        else:
-            twins, posteriors, laws = build_twins(dataset, training_set.source, label)
-            windows = simulate_windows(
-                twins,
-                count=scenario.synthetic,
-                like=measured,
-                seed=seed,
-                variation=training_set.variation,
-                posterior=posteriors,
-                law=laws,
-            )
-        synthetic = synthetic + windows
+        seed = derive_seed(dataset.seed, "filling", label, *address) % 2**31
+        synthetic = synthetic + _fill_cell(dataset, training_set, label, pressure, count, seed)
 
     return synthetic
 
 
+def _filled_cells(dataset: StudyDataset, training_set: TrainingSet) -> Iterator[tuple[str, float]]:
+    """Yield class and pressure [Pa] of each cell that a training set fills."""
+    scenario = dataset.scenario
+    pressures = [scenario.pressure]
+    if training_set.every_pressure:
+        for pressure in np.unique(dataset.measured.cell_pressure).tolist():
+            if not values_match(pressure, scenario.pressure, PRESSURE_TOLERANCE):
+                pressures.append(pressure)
+
+    labels = dataset.measured.classes if training_set.every_class else scenario.scarce
+    yield from product(labels, pressures)
+
+
+def _fill_cell(
+    dataset: StudyDataset,
+    training_set: TrainingSet,
+    label: str,
+    pressure: float,
+    count: int,
+    seed: int,
+) -> WindowSet:
+    """Return `count` synthetic windows of a class at a pressure [Pa]."""
+    measured = dataset.measured
+    source = str(training_set.source)
+    if source in FILLERS:
+        return FILLERS[source](measured, label=label, pressure=pressure, count=count, seed=seed)
+
+    if source == PERFECT_MODEL:
+        return record_perfect_windows(
+            dataset,
+            label,
+            pressure,
+            count=count,
+            assemblies=training_set.assemblies or count,
+            seed=seed,
+        )
+
+    twins, posteriors, laws = build_twins(dataset, source, label, pressure)
+    variation = training_set.variation
+    if training_set.assemblies is not None:
+        # The operating point differs from window to window, the pump and its fault do not.
+        between = replace(variation, speed=0.0, pressure=0.0)
+        twins = [
+            draw_twin(twins[number % len(twins)], between, seed, number)
+            for number in range(training_set.assemblies)
+        ]
+        variation = replace(variation, severity=0.0, angle=0.0, interfaces=0.0)
+
+    return simulate_windows(
+        twins,
+        count=count,
+        like=without_gain(measured) if source == NO_GAIN else measured,
+        seed=seed,
+        variation=variation,
+        posterior=posteriors,
+        law=laws,
+    )
+
+
 def build_twins(
-    dataset: StudyDataset, source: str, label: str
+    dataset: StudyDataset, source: str, label: str, pressure: float
 ) -> tuple[list[Twin], list[Posterior] | None, list[FaultLaw | None] | None]:
-    """Return the twins of a class at the pressure of the scarce cells.
+    """Return the twins of a class at a pressure [Pa].
 
     There is one for each kind of fault, speed and training specimen. Their posteriors are returned
     if the source draws from them, and their laws if it uses them; else None.
     """
     scenario = dataset.scenario
-    conditions = dataset.conditions()
+    conditions = dataset.conditions(pressure)
     faults: Sequence[Fault | None] = (None,)
     if label != "normal":
         faults = scenario.faults[label]
 
-    if source == "nominal":
+    if source in NOMINAL_TWINS:
         twins = [
             Twin(scenario.pump, condition, fault)
             for fault, condition in product(faults, conditions)
         ]
         return twins, None, None
+
+    if source == TRUE_VALUES:
+        return build_true_twins(dataset, faults, conditions), None, None
 
     twins = []
     posteriors = []

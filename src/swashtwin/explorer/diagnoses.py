@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import Body
 
+from swashtwin.explorer.excerpts import describe_excerpts, excerpts
 from swashtwin.explorer.workspace import Name, RecordingVersion, Workspace
 from swashtwin.foundation import InputError, SwashTwinError, plural, to_table
 from swashtwin.pump import is_healthy
@@ -69,7 +70,7 @@ class Diagnoses:
         """Diagnose with a prior that is adapted to healthy recordings, given by name."""
         versions = [self._workspace.version(name) for name in healthy]
         recordings = [self._workspace.recording(name).unloaded() for name in healthy]
-        self._model = prior.fit(recordings)
+        self._model = prior.fit([excerpts(recording, 1)[0] for recording in recordings])
         self._prior = prior
         self._healthy = versions
         self._answers.clear()
@@ -130,7 +131,12 @@ class Diagnoses:
     def _diagnose(self, model: "Model", recording: "Recording") -> dict[str, Any]:
         from swashtwin.diagnosis import next_checks
 
-        verdict = model.diagnose(recording)
+        parts = excerpts(recording, 1)
+        verdict = model.diagnose(parts[0])
+        notes = list(verdict.notes)
+        if source := describe_excerpts(parts, recording):
+            notes.insert(0, f"The verdict is on {source}.")
+
         labels = verdict.candidates[:2]
         spectrum_sentence = ""
         if verdict.spectrum is not None:
@@ -140,7 +146,8 @@ class Diagnoses:
             "sentence": verdict.sentence(),
             "checks": to_table(next_checks(*labels, unknown=verdict.unknown)),
             "spectrum": spectrum_sentence,
-            **self._evidence(model, recording, verdict),
+            "notes": notes,
+            **self._evidence(model, parts[0], verdict),
         }
 
     def _evidence(

@@ -10,7 +10,9 @@ from fastapi import Query
 from jaxtyping import Float
 from starlette.responses import Response
 
-from swashtwin.explorer.workspace import BIN, Name, RecordingVersion, Workspace, rms_track
+from swashtwin.explorer.excerpts import MAX_TURNED_VALUES, describe_excerpts, excerpts, is_long
+from swashtwin.explorer.pyramid import BIN
+from swashtwin.explorer.workspace import Name, RecordingVersion, Workspace
 from swashtwin.foundation import DataError, InputError, SwashTwinError
 from swashtwin.recordings import Recording, specified_shaft_frequency
 from swashtwin.signals import (
@@ -37,8 +39,10 @@ WATERFALL_RANGE_DB = 80.0
 """Range of a waterfall's colors, below its largest value."""
 WATERFALL_WINDOW = 2048
 """Samples of one frame of a waterfall."""
-RMS_PARTS = 120
-"""Parts of a recording whose root mean square is drawn."""
+ANSWER_TIME_S = 1.0
+"""Time after which an answer holds what was read of a long recording until then."""
+KNOWN_HEADER = "x-known"
+"""Header with the share of a recording that an answer knows."""
 MAX_VALUES = 1 << 22
 """Samples in one answer."""
 MAX_HEALTHY = 8
@@ -71,6 +75,19 @@ class SpectrumKey(NamedTuple):
     """Band of the envelope [Hz]; `None` selects it by the kurtogram."""
 
 
+class ComputedSpectrum(NamedTuple):
+    """A spectrum on the grid of the page."""
+
+    spectrum: LineSpectrum
+    """Spectrum of the recording, or of one of its excerpts."""
+    step: float
+    """Distance of its lines, in the unit of its axis."""
+    amplitude: Float[np.ndarray, "channel line"]
+    """Amplitudes at multiples of the step."""
+    excerpts: str
+    """What it is of; empty for the whole recording."""
+
+
 def pack(values: np.ndarray) -> str:
     """Return numbers as text for the page: float32, little endian, base 64."""
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
@@ -83,31 +100,40 @@ class RecordingViews:
         self._workspace = workspace
         self._spectrum = lru_cache(maxsize=64)(self._compute_spectrum)
 
-    def _compute_spectrum(
-        self, key: SpectrumKey
-    ) -> tuple[LineSpectrum, float, Float[np.ndarray, "channel line"]]:
-        """Return a spectrum, and its amplitudes at multiples of a step, which is returned too."""
+    def _compute_spectrum(self, key: SpectrumKey) -> ComputedSpectrum:
+        """Return a spectrum, averaged over excerpts of a long recording."""
         recording = self._workspace.recording(key.recording.name)
+        if key.kind == "order":
+            parts = excerpts(recording, max_values=MAX_TURNED_VALUES)
+        elif key.kind == "envelope" and key.band is None:
+            # The kurtogram selects one band of one excerpt.
+            parts = excerpts(recording, 1)
+        else:
+            parts = excerpts(recording)
+
         step = max(
             MIN_RESOLUTION_HZ,
             recording.sample_rate / 2 / MAX_LINES,
-            recording.sample_rate / recording.n_samples,
+            recording.sample_rate / parts[0].n_samples,
         )
         resolution = 0.0  # the finest
         if key.kind == "amplitude":
             resolution = step
-        spectrum = spectrum_of(recording, key.kind, band=key.band, resolution=resolution)
+        spectra = _usable_spectra(parts, key.kind, key.band, resolution)
         if key.kind == "order":
             step = max(
                 MIN_ORDER_RESOLUTION,
-                float(spectrum.position[1]),
-                float(spectrum.position[-1]) / MAX_LINES,
+                *(float(spectrum.position[1]) for spectrum in spectra),
+                float(spectra[0].position[-1]) / MAX_LINES,
             )
 
-        # Lines that round to the same multiple of the step become one, the largest of them.
-        multiples = np.floor(spectrum.position / step + 0.5).astype(int)
-        starts = np.flatnonzero(np.diff(multiples, prepend=-1))
-        return spectrum, step, np.maximum.reduceat(spectrum.amplitude, starts, axis=1)
+        amplitudes = [_amplitude_on_grid(spectrum, step) for spectrum in spectra]
+        # Order spectra end at slightly different orders if the speed varies.
+        n_lines = min(amplitude.shape[1] for amplitude in amplitudes)
+        powers = [amplitude[:, :n_lines] ** 2 for amplitude in amplitudes]
+        mean = np.sqrt(np.mean(powers, axis=0))
+        source = describe_excerpts(parts[: len(spectra)], recording)
+        return ComputedSpectrum(spectra[0], step, mean, source)
 
     def _key(
         self, name: str, kind: LineSpectrumKind, band: tuple[float, float] | None = None
@@ -138,7 +164,7 @@ class RecordingViews:
         band = None
         if low is not None and high is not None:
             band = (low, high)
-        spectrum, step, amplitude = self._spectrum(self._key(name, kind, band))
+        spectrum, step, amplitude, source = self._spectrum(self._key(name, kind, band))
         shaft_hz = specified_shaft_frequency(self._workspace.recording(name))
 
         marks = [
@@ -156,6 +182,7 @@ class RecordingViews:
             "step": step,
             "amplitude": pack(amplitude),
             "lines": amplitude.shape[1],
+            "excerpts": source,
             "unit": spectrum.unit,
             "channels": spectrum.channels,
             "shaft": shaft_hz,
@@ -178,7 +205,7 @@ class RecordingViews:
             if recording is None or recording.duration < min_duration:
                 continue
             try:
-                amplitude = self._spectrum(self._key(healthy_name, kind))[2]
+                amplitude = self._spectrum(self._key(healthy_name, kind)).amplitude
             except (SwashTwinError, OSError):
                 continue  # the comparison goes on with the others
 
@@ -212,18 +239,25 @@ class RecordingViews:
 
         recording = recording.select_channels(recording.channels[channel : channel + 1])
         rate = recording.sample_rate
+        source = ""
         if orders:
-            recording = _resample_to_turns(recording)
+            parts = excerpts(recording, 1, max_values=MAX_TURNED_VALUES)
+            source = describe_excerpts(parts, recording)
+            recording = _resample_to_turns(parts[0])
             rate = float(recording.attributes["samples_per_turn"])
 
-        signal = recording.signal[0]
-        length = min(WATERFALL_WINDOW, signal.size)
-        last_start = signal.size - length
+        length = min(WATERFALL_WINDOW, recording.n_samples)
+        last_start = recording.n_samples - length
         starts = np.unique(np.linspace(0, last_start, WATERFALL_FRAMES).astype(int))
-        frames = [
-            np.abs(tapered_transform(signal[start : start + length])) * 4 / length
-            for start in starts
-        ]
+        if not source and len(starts) * length < recording.n_samples:
+            source = f"{len(starts)} excerpts of {length / rate:.3g} s each"
+
+        if not is_long(recording):
+            recording.signal  # noqa: B018 - reads all at once, instead of each frame
+        frames = []
+        for start in starts.tolist():
+            signal = recording.samples.signal_part(start, start + length)[0]
+            frames.append(np.abs(tapered_transform(signal)) * 4 / length)
 
         lines = np.stack(frames)
         lines_per_band = max(1, math.ceil(lines.shape[1] / WATERFALL_BANDS))
@@ -236,6 +270,7 @@ class RecordingViews:
         shades = 255 * (1 + (level - level.max()) / WATERFALL_RANGE_DB)
         return {
             "frames": len(starts),
+            "excerpts": source,
             "bands": bands.shape[1],
             "top": float(level.max()),
             "range": WATERFALL_RANGE_DB,
@@ -246,10 +281,13 @@ class RecordingViews:
         }
 
     def rms(self, name: Name) -> dict[str, Any]:
-        """Return the root mean square of each channel along a recording."""
+        """Return the root mean square of each channel along what was read of a recording."""
         recording = self._workspace.recording(name)
-        track = rms_track(recording, RMS_PARTS)
+        pyramid = self._workspace.pyramid(name)
+        known = pyramid.wait(ANSWER_TIME_S)
+        track = pyramid.rms()
         return {
+            "known": known,
             "step": recording.duration / track.shape[1],
             "lines": track.shape[1],
             "amplitude": pack(track),
@@ -265,6 +303,8 @@ class RecordingViews:
         channel: Annotated[int | None, Query(ge=0)] = None,
     ) -> Response:
         """Return float32 values: the extremes of bins, or the samples of one channel.
+
+        Bins of a long recording that were not read yet are NaN; a header states the known share.
 
         Parameters
         ----------
@@ -283,8 +323,12 @@ class RecordingViews:
         if count * min(width, BIN) * n_channels > MAX_VALUES:
             raise InputError(f"Too many values: one request returns at most {MAX_VALUES}.")
 
+        known = 1.0
         if channel is None:
-            values = self._workspace.extremes(name, width, start, count)
+            pyramid = self._workspace.pyramid(name)
+            if width >= BIN:
+                known = pyramid.wait(ANSWER_TIME_S)
+            values = pyramid.extremes(width, start, count)
         elif channel >= recording.n_channels or start >= recording.n_samples:
             raise InputError(
                 f"Channel {channel}, sample {start} does not exist: {name} has"
@@ -294,7 +338,8 @@ class RecordingViews:
             end = min(start + count, recording.n_samples)
             values = recording.slice(start, end).signal[channel]
         content = np.ascontiguousarray(values, "<f4").tobytes()
-        return Response(content, media_type="application/octet-stream")
+        headers = {KNOWN_HEADER: f"{known:.4f}"}
+        return Response(content, media_type="application/octet-stream", headers=headers)
 
     def speed(self, name: Name, pistons: Annotated[int, Query(ge=1, le=100)]) -> dict[str, Any]:
         """Return the speed that the piston-pass lines indicate, and its contrast.
@@ -307,11 +352,12 @@ class RecordingViews:
         from swashtwin.calibration import detect_speed
 
         recording = self._workspace.recording(name)
+        parts = excerpts(recording, 1)
         shaft_hz = specified_shaft_frequency(recording)
         start_speeds: tuple[float, ...] = _START_SPEEDS_HZ
         if shaft_hz is not None:
             start_speeds = (shaft_hz,)
-        speeds = [detect_speed(recording, start, pistons) for start in start_speeds]
+        speeds = [detect_speed(parts[0], start, pistons) for start in start_speeds]
         clearest = max(speeds, key=lambda speed: speed.detected_contrast)
         if not clearest.is_clear:
             raise DataError(
@@ -321,7 +367,12 @@ class RecordingViews:
 
         contrast = clearest.detected_contrast
         clarity = 1 - math.exp(-contrast)
-        return {"rpm": 60 * clearest.detected, "contrast": contrast, "clarity": clarity}
+        return {
+            "rpm": 60 * clearest.detected,
+            "contrast": contrast,
+            "clarity": clarity,
+            "excerpts": describe_excerpts(parts, recording),
+        }
 
     def comparison(self, first: Names, second: Names) -> dict[str, Any]:
         """Return the band powers that differ most between two groups of recordings.
@@ -354,7 +405,13 @@ class RecordingViews:
             )
 
         layout, notes = band_power_layout(list(recordings.values()))
-        powers = {name: layout.measure(recording) for name, recording in recordings.items()}
+        powers = {}
+        for name, recording in recordings.items():
+            parts = excerpts(recording)
+            decibels = [layout.measure(part) for part in parts]
+            powers[name] = 10 * np.log10(np.mean(10 ** (np.array(decibels) / 10), axis=0))
+            if source := describe_excerpts(parts, recording):
+                notes += (f"{recording.recording_id}: {source} are compared.",)
         groups = [np.stack([powers[name] for name in names]) for names in (first, second)]
         change = groups[1].mean(axis=0) - groups[0].mean(axis=0)
 
@@ -376,6 +433,36 @@ class RecordingViews:
                 }
             )
         return {"rows": rows, "notes": notes, "freedom": freedom}
+
+
+def _usable_spectra(
+    parts: list[Recording],
+    kind: LineSpectrumKind,
+    band: tuple[float, float] | None,
+    resolution: float,
+) -> list[LineSpectrum]:
+    """Return the spectra of excerpts, without those that are unfit: the machine may pause.
+
+    Raises
+    ------
+    DataError
+        All are unfit.
+    """
+    spectra = []
+    for part in parts:
+        try:
+            spectra.append(spectrum_of(part, kind, band=band, resolution=resolution))
+        except DataError:
+            if part is parts[-1] and not spectra:
+                raise
+    return spectra
+
+
+def _amplitude_on_grid(spectrum: LineSpectrum, step: float) -> Float[np.ndarray, "channel line"]:
+    """Return amplitudes at multiples of a step: the largest of the lines that round to each."""
+    multiples = np.floor(spectrum.position / step + 0.5).astype(int)
+    starts = np.flatnonzero(np.diff(multiples, prepend=-1))
+    return np.maximum.reduceat(spectrum.amplitude, starts, axis=1)
 
 
 def _piston_marks(order_length: float, pistons: int | None) -> list[tuple[float, str, bool]]:

@@ -10,6 +10,7 @@ import numpy as np
 from fastapi import Body
 
 from swashtwin.explorer.calibration_job import CalibrationJob
+from swashtwin.explorer.excerpts import describe_excerpts, excerpts
 from swashtwin.explorer.workspace import Name, RecordingVersion, Workspace
 from swashtwin.foundation import (
     DataError,
@@ -200,7 +201,15 @@ class TwinWorkbench:
             return {**content, "reason": str(cause)}
         if measured is not None:
             content["measured"] = _describe_misfit(twin, amplitude, measured)
+            content["measured"]["excerpts"] = self._describe_excerpt(setting)
         return content
+
+    def _describe_excerpt(self, setting: Setting) -> str:
+        """Return the part of the selected recording whose lines are measured; empty for all."""
+        if not setting.recording:
+            return ""
+        recording = self._workspace.recording(setting.recording)
+        return describe_excerpts(excerpts(recording, 1), recording)
 
     def _lines_to_compare(
         self, setting: Setting, twin: "Twin", calibration: "Calibration | None"
@@ -234,7 +243,8 @@ class TwinWorkbench:
             measure,
         )
 
-        recording = self._workspace.recording(version.name)
+        # Of a long recording, an excerpt from its middle is measured.
+        recording = excerpts(self._workspace.recording(version.name), 1)[0]
         recording = assign_single_channels([recording], twin.pump)[0][0]
         assumed_fault = twin.fault
         if fault != "start":

@@ -11,14 +11,13 @@ import time
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from fastapi import Query
-from jaxtyping import Float32, Float64
 
+from swashtwin.explorer.pyramid import Pyramid
 from swashtwin.foundation import DataError, FileStamp, InputError, SwashTwinError, file_stamp
 from swashtwin.pump import is_healthy, values_match
 from swashtwin.recordings import (
@@ -43,18 +42,10 @@ Name = Annotated[str, Query(max_length=1000)]
 """Name of a row in an address."""
 FACTS = ("label", "specimen", "speed", "pressure", "sensitivity", "unit", "sample_rate")
 """Facts that can be edited."""
-BIN = 64
-"""Samples of the finest extremes that are kept of a whole recording."""
 SPARKLINE_PARTS = 40
 """Values of a recording's sparkline."""
 
-# Samples that are read together when the extremes of a whole recording are computed.
-_BLOCK_SAMPLES = BIN << 14
-
 _MAX_CACHED_RECORDINGS = 4
-
-# Samples of all channels up to which a recording is read as a whole (64 MB as float64).
-_MAX_SAMPLES_AT_ONCE = 1 << 23
 
 # Relative differences up to which recordings share an operating point.
 _SPEED_TOLERANCE = 0.03
@@ -166,9 +157,7 @@ class Workspace:
         self._stamp: FileStamp | None = None
         self._lock = threading.RLock()
         self._opened: OrderedDict[RecordingVersion, Recording] = OrderedDict()
-        self._extremes: OrderedDict[RecordingVersion, Float32[np.ndarray, "channel bin 2"]] = (
-            OrderedDict()
-        )
+        self._pyramids: OrderedDict[RecordingVersion, Pyramid] = OrderedDict()
         self._worker: threading.Thread | None = None
         self._is_shown = False
 
@@ -304,7 +293,8 @@ class Workspace:
                 waiting_rows = [row for row in self.rows.values() if row.state == "waiting"]
             if not waiting_rows:
                 break
-            self._inspect(waiting_rows[0])
+            # A large file must not hold up the others.
+            self._inspect(min(waiting_rows, key=_file_size))
             time.sleep(0)  # requests of the page go first
 
         findings = self._compare_recordings()
@@ -322,9 +312,10 @@ class Workspace:
         rms: list[float] = []
         try:
             recording = recording or self._open_entry(row)
+            self._show_opened(row, version, recording)
+            rms = _sparkline(self._keep_pyramid(version, recording))
             (report,) = inspect_recordings([recording]).recordings
             findings = [finding.to_dict() for finding in report.findings]
-            rms = _sparkline(recording)
             state = "ready"
         except (SwashTwinError, OSError) as cause:
             findings = [_finding("unreadable", "error", cause)]
@@ -339,6 +330,14 @@ class Workspace:
             row.recording = None if recording is None else recording.unloaded()
             self.revision += 1
             row.revision = self.revision
+
+    def _show_opened(self, row: Row, version: RecordingVersion, recording: Recording) -> None:
+        """Show the facts of a recording before it is inspected, which may take long."""
+        with self._lock:
+            if row.version == version:
+                row.recording = recording
+                self.revision += 1
+                row.revision = self.revision
 
     def _compare_recordings(self) -> list[dict[str, Any]]:
         """Return findings that concern several recordings."""
@@ -388,7 +387,7 @@ class Workspace:
         self.refresh()
 
     def version(self, name: str) -> RecordingVersion:
-        """Return facts and file of a recording as they are now."""
+        """Return the present facts and file of a recording."""
         return self._row(name).version
 
     def _row(self, name: str) -> Row:
@@ -428,52 +427,18 @@ class Workspace:
             if row.state == "ready" and row.recording is not None
         ]
 
-    def extremes(
-        self, name: str, width: int, start: int, count: int
-    ) -> Float32[np.ndarray, "channel bin 2"]:
-        """Return the smallest and largest sample of each of `count` bins, fewer at the end.
-
-        Parameters
-        ----------
-        width : samples of a bin: fewer than `BIN`, or a multiple of it.
-        start : number of the first bin.
-        """
-        recording = self.recording(name)
-        if width >= BIN:
-            bins_per_bin = width // BIN
-            whole = self._whole_extremes(name, recording)
-            part = whole[:, start * bins_per_bin : (start + count) * bins_per_bin]
-            return _merge_bins(part, bins_per_bin)
-
-        end = min((start + count) * width, recording.n_samples)
-        if start * width >= end:
-            signal = np.zeros((recording.n_channels, 0))
-        else:
-            signal = recording.slice(start * width, end).signal
-        return _merge_bins(np.stack([signal, signal], axis=-1), width)
-
-    def _whole_extremes(
-        self, name: str, recording: Recording
-    ) -> Float32[np.ndarray, "channel bin 2"]:
-        """Return the extremes of all bins of `BIN` samples; the last few recordings' are kept."""
+    def pyramid(self, name: str) -> Pyramid:
+        """Return extremes and root mean square along a recording; the last few stay."""
         version = self.version(name)
-        with self._lock:
-            extremes = self._extremes.get(version)
-        if extremes is not None:
-            return extremes
+        return self._keep_pyramid(version, self.recording(name))
 
-        blocks = []
-        for start in range(0, recording.n_samples, _BLOCK_SAMPLES):
-            end = min(start + _BLOCK_SAMPLES, recording.n_samples)
-            signal = recording.slice(start, end).signal
-            blocks.append(_merge_bins(np.stack([signal, signal], axis=-1), BIN))
-        extremes = np.concatenate(blocks, axis=1)
-
+    def _keep_pyramid(self, version: RecordingVersion, recording: Recording) -> Pyramid:
         with self._lock:
-            self._extremes[version] = extremes
-            while len(self._extremes) > _MAX_CACHED_RECORDINGS:
-                self._extremes.popitem(last=False)
-        return extremes
+            pyramid = self._pyramids.pop(version, None) or Pyramid(recording)
+            self._pyramids[version] = pyramid
+            while len(self._pyramids) > _MAX_CACHED_RECORDINGS:
+                self._pyramids.popitem(last=False)
+            return pyramid
 
     def comparable(self, name: str, *, healthy: bool = False) -> list[str]:
         """Return recordings of the same machine, operating point and channels.
@@ -526,32 +491,13 @@ def _finding(kind: str, severity: str, cause: Exception) -> dict[str, Any]:
     return {"kind": kind, "severity": severity, "channel": None, "message": str(cause)}
 
 
-def _sparkline(recording: Recording) -> list[float]:
+def _file_size(row: Row) -> int:
+    return 0 if row.stamp is None else row.stamp.size
+
+
+def _sparkline(pyramid: Pyramid) -> list[float]:
     """Return the root mean square over all channels in equal parts of a recording."""
-    power = np.mean([track**2 for track in rms_track(recording, SPARKLINE_PARTS)], axis=0)
+    pyramid.wait()
+    power = np.mean(pyramid.rms(SPARKLINE_PARTS) ** 2, axis=0)
     # JSON has no NaN, and four digits are more than a sparkline shows.
     return [float(f"{value:.4g}") if math.isfinite(value) else 0.0 for value in np.sqrt(power)]
-
-
-def rms_track(recording: Recording, count: int) -> Float64[np.ndarray, "channel part"]:
-    """Return the root mean square of each channel, without its mean, in equal parts."""
-    parts = min(count, recording.n_samples)
-    edges = np.linspace(0, recording.n_samples, parts + 1).astype(int)
-    if recording.n_samples * recording.n_channels <= _MAX_SAMPLES_AT_ONCE:
-        signal = recording.slice(0, recording.n_samples).signal
-        tracks = [signal[:, start:end].std(axis=1) for start, end in pairwise(edges)]
-    else:
-        tracks = [recording.slice(start, end).signal.std(axis=1) for start, end in pairwise(edges)]
-    return np.stack(tracks, axis=1)
-
-
-def _merge_bins(extremes: np.ndarray, bins_per_bin: int) -> Float32[np.ndarray, "channel bin 2"]:
-    """Merge groups of neighboring bins into one each; the last group may be smaller."""
-    starts = np.arange(0, extremes.shape[1], bins_per_bin)
-    if bins_per_bin == 1 or not starts.size:
-        return extremes.astype(np.float32)
-
-    # fmin and fmax skip NaN, so a gap hides no samples.
-    minima = np.fmin.reduceat(extremes[..., 0], starts, axis=1)
-    maxima = np.fmax.reduceat(extremes[..., 1], starts, axis=1)
-    return np.stack([minima, maxima], axis=-1).astype(np.float32)

@@ -212,7 +212,8 @@ class ComparePage {
 
     const titleA = `A: ${this.describe(a)}`;
     const titleB = `B: ${this.describe(b)}`;
-    const both = makeChart(`${titleA} (blue) and ${titleB} (red)`, series, 300);
+    const source = spectrum.excerpts ? `; ${spectrum.excerpts}` : "";
+    const both = makeChart(`${titleA} (blue) and ${titleB} (red)${source}`, series, 300);
     const onlyA = makeChart(titleA, series.slice(0, first.length), 180);
     const onlyB = makeChart(titleB, series.slice(first.length), 180);
     linkViews([both, onlyA, onlyB]);

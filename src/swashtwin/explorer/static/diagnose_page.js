@@ -191,8 +191,9 @@ class DiagnosePage {
     const whole = spectrum.step * spectrum.lines;
     const evidence = bands.length ? " with the evidence marked" : "";
     const healthy = areas.length ? ", and the range of healthy recordings" : "";
+    const source = spectrum.excerpts ? `: ${spectrum.excerpts}` : "";
     const chart = new Chart({
-      title: `Spectrum${evidence}${healthy}`,
+      title: `Spectrum${evidence}${healthy}${source}`,
       x: "Hz",
       y: spectrum.unit,
       unit: spectrum.unit,

@@ -59,8 +59,9 @@ async function openPage() {
   main.replaceChildren(place);
 
   const isPresent = () => number === openedCount;
+  const isOpened = (/** @type {any} */ row) => row?.state !== "waiting" || row.samples > 0;
   const isReading = () =>
-    key === "recording" ? state.rows.get(values.name)?.state === "waiting" : state.waiting > 0;
+    key === "recording" ? !isOpened(state.rows.get(values.name)) : state.waiting > 0;
   if (key !== "recordings") await waitWhile(() => isReading() && isPresent());
   if (!isPresent()) return;
 

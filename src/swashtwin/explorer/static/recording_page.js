@@ -53,6 +53,8 @@ const ADDRESS_SETTINGS = [
 const FIRST_SPECTRUM_END = 5000;
 const FIRST_ORDER_END = 80;
 const REMEMBER_DELAY_MS = 300;
+/** Time after which a figure of a recording that is still being read is drawn again. */
+const RELOAD_MS = 1000;
 const CLASS_KEYS = 9;
 
 /**
@@ -91,6 +93,25 @@ function machineKey(row) {
   return JSON.stringify([state.source, row.specimen ?? null]);
 }
 
+/**
+ * Return the title of a figure with what it is of, unless that is the whole recording.
+ *
+ * @param {string} title
+ * @param {{excerpts: string}} content
+ */
+function titleOf(title, { excerpts }) {
+  return excerpts ? `${title}: ${excerpts}` : title;
+}
+
+/**
+ * Return which part of a recording is known; empty for all of it.
+ *
+ * @param {number} known share
+ */
+function partOf(known) {
+  return known < 1 ? `${Math.floor(100 * known)} % of the recording` : "";
+}
+
 class RecordingPage {
   /**
    * @param {HTMLElement} place
@@ -120,13 +141,14 @@ class RecordingPage {
     /** @type {Chart | null} */
     this.wave = null;
     this.rememberTimer = 0;
+    this.rmsTimer = 0;
 
     this.addHead(place);
     this.showFacts();
     /** File that the figures are of. */
     this.shownStamp = row.samples ? row.stamp : null;
     if (row.samples) {
-      this.tiles = new Tiles(row, () => this.wave?.request());
+      this.tiles = new Tiles(row, (known) => this.showTile(known));
       this.addFigures(place);
       this.refresh();
     }
@@ -309,7 +331,8 @@ class RecordingPage {
     const rpm = `${formatNumber(speed.rpm, 5)} rpm`;
     const clarity = Math.round(100 * speed.clarity);
     this.proposal.replaceChildren(
-      `The lines of ${pistons} pistons match ${rpm} (${clarity} % clear). `,
+      `The lines of ${pistons} pistons match ${rpm} (${clarity} % clear)` +
+        `${speed.excerpts ? ` in ${speed.excerpts}` : ""}. `,
     );
     if (!state.editable) return;
 
@@ -377,8 +400,17 @@ class RecordingPage {
       series: this.shownChannels().map((channel) => this.waveSeries(channel)),
       onMove: (part) => this.rememberPart(part),
     });
-    this.sections.wave.replaceChildren(this.wave.element);
+    this.readNote = element("p", { class: "soft", role: "status" });
+    this.sections.wave.replaceChildren(this.wave.element, this.readNote);
     this.sections.wave.chart = this.wave;
+  }
+
+  /** @param {number} known share of the recording that was read */
+  showTile(known) {
+    this.wave.title = titleOf("Waveform", { excerpts: partOf(known) });
+    this.wave.request();
+    this.readNote.textContent =
+      known < 1 ? `Waveform and RMS show ${partOf(known)} so far, spread over all of it.` : "";
   }
 
   /**
@@ -411,7 +443,7 @@ class RecordingPage {
   async drawRms() {
     const rms = await request("rms", { name: this.name });
     const chart = new Chart({
-      title: "RMS against time",
+      title: titleOf("RMS against time", { excerpts: partOf(rms.known) }),
       x: "s",
       y: rms.unit,
       unit: rms.unit,
@@ -420,6 +452,10 @@ class RecordingPage {
       series: this.shownLines(this.row.channels, rms.amplitude, rms.step),
     });
     this.sections.rms.replaceChildren(chart.element);
+    if (rms.known < 1 && !this.tiles.isLeft) {
+      clearTimeout(this.rmsTimer);
+      this.rmsTimer = setTimeout(() => this.draw("rms", () => this.drawRms()), RELOAD_MS);
+    }
   }
 
   /** @param {Record<string, any>} values */
@@ -436,7 +472,7 @@ class RecordingPage {
 
     /** @type {import("./chart.js").ChartOptions} */
     const options = {
-      title: isOrder ? "Order spectrum" : "Spectrum",
+      title: titleOf(isOrder ? "Order spectrum" : "Spectrum", spectrum),
       x: isOrder ? "order" : "Hz",
       y: spectrum.unit,
       unit: spectrum.unit,
@@ -511,7 +547,7 @@ class RecordingPage {
     const end = spectrum.step * spectrum.lines;
 
     const chart = new Chart({
-      title: `Envelope spectrum of ${[...new Set(bands)].join(", ")} Hz`,
+      title: titleOf(`Envelope spectrum at ${[...new Set(bands)].join(", ")} Hz`, spectrum),
       x: "Hz",
       y: spectrum.unit,
       unit: spectrum.unit,
@@ -540,8 +576,9 @@ class RecordingPage {
     const channel = this.shownChannels()[0] ?? 0;
     const isOrder = this.settings.map === "orders";
     const waterfall = await request("waterfall", { name: this.name, channel, orders: isOrder });
+    const title = `${isOrder ? "Order map" : "Waterfall"} of ${this.row.channels[channel]}`;
     const chart = new Chart({
-      title: `${isOrder ? "Order map" : "Waterfall"} of ${this.row.channels[channel]}`,
+      title: titleOf(title, waterfall),
       x: isOrder ? "turns" : "s",
       y: isOrder ? "order" : "Hz",
       height: 320,
@@ -562,6 +599,12 @@ class RecordingPage {
     const channel = this.shownChannels()[0] ?? 0;
     const speed = Number(this.settings.speed);
     attempt(() => this.sound.play(this.row, channel, this.wave.view, speed, () => this.endSound()));
+  }
+
+  leave() {
+    this.sound.stop();
+    clearTimeout(this.rmsTimer);
+    if (this.tiles) this.tiles.isLeft = true;
   }
 
   endSound() {
@@ -610,6 +653,6 @@ export function openRecording(place, values) {
   return {
     update: () => page.update(),
     keys: (event) => page.keys(event),
-    leave: () => page.sound.stop(),
+    leave: () => page.leave(),
   };
 }

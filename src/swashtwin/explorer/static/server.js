@@ -15,6 +15,18 @@ export async function request(path, values = {}) {
 }
 
 /**
+ * Return samples, or extremes of bins, and the share of the recording that was read for them.
+ *
+ * @param {Record<string, any>} values
+ * @returns {Promise<{values: Float32Array<ArrayBuffer>, known: number}>}
+ */
+export async function requestSamples(values) {
+  const answer = await fetch(`/api/samples?${queryOf(values)}`);
+  const known = Number(answer.headers.get("x-known") ?? 1);
+  return { values: await readAnswer(answer), known };
+}
+
+/**
  * Change something at the server, and return its answer.
  *
  * @param {string} path

@@ -1,5 +1,5 @@
 /** Play one channel of a recording, slower or faster. */
-import { request } from "./server.js";
+import { requestSamples } from "./server.js";
 
 const MAX_SAMPLES = 4e6;
 /** Sample rates that browsers accept [Hz]. */
@@ -31,8 +31,7 @@ export class Sound {
     const start = Math.max(0, Math.floor(low * row.rate));
     const length = Math.ceil((high - low) * row.rate);
     const count = Math.min(length, row.samples - start, MAX_SAMPLES);
-    /** @type {Float32Array<ArrayBuffer>} */
-    const values = await request("samples", { name: row.name, start, count, channel });
+    const { values } = await requestSamples({ name: row.name, start, count, channel });
 
     this.context ??= new AudioContext();
     const rate = Math.min(Math.max(row.rate, MIN_RATE), MAX_RATE);

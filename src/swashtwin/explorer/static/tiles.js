@@ -1,6 +1,6 @@
 /** Samples of a recording in tiles, loaded where they are shown. */
 import { showMessage } from "./elements.js";
-import { request } from "./server.js";
+import { requestSamples } from "./server.js";
 
 /** Bins of one tile. */
 const TILE = 4096;
@@ -9,6 +9,8 @@ const MAX_WIDTH = 4 ** 12;
 const MAX_TILES = 400;
 /** Oldest tiles that are never dropped: those of the whole recording, which stand in for others. */
 const KEPT_TILES = 10;
+/** Time after which a tile of a recording that is still being read is loaded again. */
+const RELOAD_MS = 1000;
 
 /**
  * Extremes of bins of 1, 4, 16, ... samples.
@@ -18,13 +20,16 @@ const KEPT_TILES = 10;
 export class Tiles {
   /**
    * @param {import("./types.js").Row} row
-   * @param {() => void} onLoad called when a tile was loaded
+   * @param {(known: number) => void} onLoad called when a tile was loaded, with the share of the
+   *   recording that is known
    */
   constructor(row, onLoad) {
     this.row = row;
     this.onLoad = onLoad;
     /** @type {Map<string, {values: Float32Array | null}>} */
     this.tiles = new Map();
+    /** Whether another page is shown. */
+    this.isLeft = false;
   }
 
   /**
@@ -69,10 +74,26 @@ export class Tiles {
     if (this.tiles.size > MAX_TILES) this.tiles.delete([...this.tiles.keys()][KEPT_TILES]);
 
     try {
-      tile.values = await request("samples", { name: this.row.name, width, start, count: TILE });
-      this.onLoad();
+      await this.fill(tile, { name: this.row.name, width, start, count: TILE });
     } catch (error) {
       showMessage(/** @type {Error} */ (error).message);
+    }
+  }
+
+  /**
+   * Load the values of a tile, again and again until all of the recording was read.
+   *
+   * @param {{values: Float32Array | null}} tile
+   * @param {Record<string, any>} query
+   */
+  async fill(tile, query) {
+    let known = 0;
+    while (known < 1 && !this.isLeft) {
+      if (known > 0) await new Promise((resolve) => setTimeout(resolve, RELOAD_MS));
+      const answer = await requestSamples(query);
+      tile.values = answer.values;
+      known = answer.known;
+      this.onLoad(known);
     }
   }
 

@@ -602,10 +602,11 @@ function jobResult({ state: jobState, error }) {
 }
 
 /** @param {any} measured */
-function misfitSection({ channels, orders, misfit }) {
+function misfitSection({ channels, orders, misfit, excerpts }) {
   const columns = misfitColumns(orders, misfit);
   const isPart = columns.length < orders.length;
   const selection = isPart ? `; the ${WORST_LINES} lines that differ most` : "";
+  const source = excerpts ? `, which are of ${excerpts}` : "";
   const headers = [
     element("th", {}, "Order"),
     ...columns.map((n) => element("th", { class: "number" }, `${orders[n]}×`)),
@@ -622,7 +623,7 @@ function misfitSection({ channels, orders, misfit }) {
     "section",
     {},
     element("h2", {}, "Misfit by line"),
-    element("p", {}, `Level of the twin's lines over the measured ones [dB]${selection}.`),
+    element("p", {}, `Level of the twin's lines over the measured ones${source} [dB]${selection}.`),
     scrollTable("Misfit by line", headers, rows),
   );
 }

@@ -1,0 +1,186 @@
+"""A recording that is too long to be transformed as a whole: its figures, and their memory."""
+
+import base64
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+from explored import open_explorer
+from plant import Plant
+from starlette.testclient import TestClient
+
+from swashtwin.diagnosis import load_model
+from swashtwin.explorer import Workspace
+from swashtwin.explorer.excerpts import MAX_WHOLE_VALUES
+from swashtwin.explorer.pyramid import BIN, Pyramid
+from swashtwin.recordings import Recording, load_recording, write_recording
+
+NAME = "long.wav"
+RATE = 50_000
+N_SAMPLES = 3 * MAX_WHOLE_VALUES
+CLICK = N_SAMPLES // 3
+"""A single sample in no excerpt, which the waveform shows nevertheless."""
+
+
+LINES = (0.2, 0.1, 0.1)
+NOISE = 0.03
+
+
+def make_signal(start: int, stop: int) -> np.ndarray:
+    """Return part of the recording: lines of seven pistons at 1500 rpm in noise, and the click."""
+    time = np.arange(start, stop) / RATE
+    signal = np.random.default_rng(start).normal(0, NOISE, stop - start)
+    for harmonic, amplitude in enumerate(LINES, 1):
+        signal += amplitude * np.sin(2 * np.pi * 175 * harmonic * time)
+    if start <= CLICK < stop:
+        signal[CLICK - start] = 0.9
+    return signal
+
+
+@pytest.fixture(scope="module")
+def long_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a WAV file of 25 million samples, which are 201 MB in double precision."""
+    folder = tmp_path_factory.mktemp("long")
+    block = 1 << 20
+    with soundfile.SoundFile(folder / NAME, "w", RATE, 1, subtype="PCM_16") as file:
+        for start in range(0, N_SAMPLES, block):
+            file.write(make_signal(start, start + block))
+
+    facts = 'label = "normal"\nspeed = "1500 rpm"\nsensitivity = "1 m/s^2"\n'
+    index = f'format = 1\n[[recording]]\nfile = "{NAME}"\n{facts}'
+    (folder / "recordings.toml").write_text(index, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def long_client(long_folder: Path) -> TestClient:
+    """An explorer of the folder, which inspects nothing before its table is requested."""
+    return open_explorer(Workspace(long_folder))
+
+
+WHOLE_WAVEFORM = {"start": 0, "count": N_SAMPLES // 4**8, "width": 4**8}
+
+
+def read_whole(client: TestClient, address: str, **values: object) -> Any:
+    """Return the answer to a request once it knows all of the recording."""
+    for _ in range(100):
+        answer = client.get(f"/api/{address}", params={"name": NAME, **values})
+        assert answer.status_code == 200, answer.text
+        is_json = answer.headers["content-type"] == "application/json"
+        known = answer.json()["known"] if is_json else float(answer.headers["x-known"])
+        if known == 1:
+            return answer.json() if is_json else answer.content
+    raise AssertionError(f"only {known:.0%} were read")
+
+
+def request_figure(client: TestClient, address: str, **values: object) -> dict[str, Any]:
+    answer = client.get(f"/api/{address}", params={"name": NAME, **values})
+    assert answer.status_code == 200, answer.text
+    return dict(answer.json())
+
+
+def test_no_figure_holds_the_recording_in_memory(long_client: TestClient) -> None:
+    long_client.get("/api/twin_starts")  # loads libraries
+    tracemalloc.start()
+    try:
+        read_whole(long_client, "samples", **WHOLE_WAVEFORM)
+        read_whole(long_client, "rms")
+        for kind in ("amplitude", "order", "envelope"):
+            request_figure(long_client, "spectrum", kind=kind)
+        request_figure(long_client, "waterfall")
+        request_figure(long_client, "waterfall", orders=True)
+        request_figure(long_client, "comparison", first=NAME, second=NAME)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+
+    assert peak < 8 * N_SAMPLES
+
+
+def test_the_waveform_shows_a_single_sample(long_client: TestClient) -> None:
+    content = read_whole(long_client, "samples", **WHOLE_WAVEFORM)
+
+    extremes = np.frombuffer(content, "<f4").reshape(-1, 2)
+    width = WHOLE_WAVEFORM["width"]
+    click = CLICK // width
+    assert extremes[click, 1] == pytest.approx(0.9, abs=1e-3)
+    assert np.delete(extremes[:, 1], click).max() < 0.7
+    assert extremes[:, 0].max() < -0.2
+
+
+def test_the_root_mean_square_is_that_of_all_samples(long_client: TestClient) -> None:
+    rms = read_whole(long_client, "rms")
+
+    values = np.frombuffer(base64.b64decode(rms["amplitude"]), "<f4")
+    assert len(values) == rms["lines"] == 120
+    expected = np.sqrt(NOISE**2 + sum(amplitude**2 / 2 for amplitude in LINES))
+    np.testing.assert_allclose(values, expected, rtol=0.01)
+
+
+@pytest.mark.parametrize(("kind", "position"), [("amplitude", 175), ("order", 7)])
+def test_a_spectrum_is_the_mean_of_excerpts_and_says_so(
+    long_client: TestClient, kind: str, position: float
+) -> None:
+    spectrum = request_figure(long_client, "spectrum", kind=kind)
+
+    assert spectrum["excerpts"] == "8 excerpts of 2.62 s each"
+    amplitude = np.frombuffer(base64.b64decode(spectrum["amplitude"]), "<f4")
+    line = round(position / spectrum["step"])
+    assert np.argmax(amplitude) == pytest.approx(line, abs=1)
+    # the taper spreads a line between two positions of the grid, by 15 % at most
+    assert amplitude.max() == pytest.approx(0.2, rel=0.16)
+
+
+@pytest.mark.parametrize(
+    ("address", "values", "source"),
+    [
+        ("spectrum", {"kind": "envelope"}, "5.24 s in the middle of the recording"),
+        (
+            "spectrum",
+            {"kind": "envelope", "low": 2000, "high": 6000},
+            "8 excerpts of 2.62 s each",
+        ),
+        ("waterfall", {}, "360 excerpts of 0.041 s each"),
+        ("waterfall", {"orders": True}, "5.24 s in the middle of the recording"),
+    ],
+)
+def test_a_figure_says_what_it_is_of(
+    long_client: TestClient, address: str, values: dict[str, Any], source: str
+) -> None:
+    assert request_figure(long_client, address, **values)["excerpts"] == source
+
+
+def test_a_comparison_notes_that_it_is_of_excerpts(long_client: TestClient) -> None:
+    comparison = request_figure(long_client, "comparison", first=NAME, second=NAME)
+    assert "long: 8 excerpts of 2.62 s each are compared." in comparison["notes"]
+
+
+def test_a_verdict_notes_that_it_is_on_an_excerpt(plant: Plant, tmp_path: Path) -> None:
+    worn = load_recording(plant.worn)
+    n_copies = 1 + MAX_WHOLE_VALUES // worn.signal.size
+    long = worn.replace(signal=np.tile(worn.signal, (1, n_copies)))
+    path = write_recording(long, tmp_path / "worn.h5")
+    client = open_explorer(Workspace(path), plant.model)
+
+    verdict = client.get("/api/diagnosis", params={"name": worn.recording_id}).json()
+
+    assert verdict["verdict"] == load_model(plant.model).diagnose(worn).verdict
+    assert verdict["notes"][0] == "The verdict is on 10.2 s in the middle of the recording."
+
+
+def test_a_pyramid_knows_nothing_before_it_is_read_and_everything_afterwards() -> None:
+    # three whole bins and a part of one, with an offset that is large against the deviation
+    signal = 1e6 + np.random.default_rng(0).normal(size=(2, 3 * BIN + 5))
+    pyramid = Pyramid(Recording(signal, 1000.0, "short", channels=("x", "y")))
+    assert np.isnan(pyramid.extremes(BIN, 0, 9)).all()
+    assert np.isnan(pyramid.rms()).all()
+
+    assert pyramid.wait() == 1
+
+    extremes = pyramid.extremes(2 * BIN, 0, 9)
+    assert extremes.shape == (2, 2, 2)
+    np.testing.assert_allclose(extremes[:, 1, 1], signal[:, 2 * BIN :].max(axis=1), rtol=1e-7)
+    np.testing.assert_allclose(pyramid.rms(1)[:, 0], signal.std(axis=1), rtol=1e-6)

@@ -82,6 +82,48 @@ def test_one_value_far_from_all_others_marks_missing_values(
     assert [sensor.kind for sensor in check_sensors(recording)] == ["spikes"]
 
 
+def test_a_mark_among_samples_that_are_mostly_zero_is_found() -> None:
+    signal = np.round(0.3 * vibration())
+    signal[[11, 470, 9000]] = 32767
+
+    assert "missing" in findings_of(recording_of(signal))
+
+
+@pytest.mark.parametrize("value", [-9999.0, 999.0, -99999.0])
+@pytest.mark.parametrize("factor", [1.0, 9.80665, 1e-3])
+def test_one_number_of_nines_in_the_file_marks_a_missing_value(
+    value: float, factor: float, tmp_path: Path
+) -> None:
+    signal = vibration()
+    signal[500] = value
+    (tmp_path / "a.csv").write_text("acc\n" + "\n".join(map(repr, signal.tolist())))
+    unit = {1.0: "m/s^2", 9.80665: "g", 1e-3: "mm/s^2"}[factor]
+
+    recording = load_recording(tmp_path / "a.csv", sample_rate=RATE, unit=unit)
+
+    finding = findings_of(recording)["missing"]
+    assert f"1 of {N_SAMPLES} samples is exactly" in finding.message
+    assert "spikes" not in findings_of(recording)
+    with pytest.raises(DataError, match="a mark of missing values"):
+        require_usable(recording)
+
+
+def test_pulses_between_two_levels_are_named_for_what_they_are() -> None:
+    signal = np.where(np.arange(N_SAMPLES) % 303 < 9, 5.0, 0.0)
+
+    finding = findings_of(recording_of(signal))["two_levels"]
+
+    assert finding.severity == "warning"
+    assert "two levels only, 0 and 5 m/s^2: the pulses of a tachometer" in finding.message
+
+
+def test_a_mark_among_pulses_is_found() -> None:
+    signal = np.where(np.arange(N_SAMPLES) % 303 < 9, 1.0, 0.0)
+    signal[[400, 7000, 7013]] = -9999
+
+    assert "missing" in findings_of(recording_of(signal))
+
+
 # ---- spikes
 
 
@@ -127,10 +169,14 @@ def pulses(share: float) -> np.ndarray:
         pytest.param(np.random.default_rng(5).laplace(size=N_SAMPLES), id="heavy tails"),
         pytest.param(impacts(40, 1.1), id="impacts"),
         pytest.param(impacts(2, 2.9), id="short impacts"),
+        pytest.param(np.round(20 * impacts(40, 1.1)), id="impacts in few counts"),
+        pytest.param(np.round(100 * impacts(2, 2.9)), id="short impacts in few counts"),
         pytest.param(np.clip(3 * vibration(), -4, 4), id="clipped"),
         pytest.param(pulses(0.5), id="square wave"),
         pytest.param(np.round(vibration() * 3) / 3, id="coarse converter"),
         pytest.param(np.round(1000 * vibration()), id="counts"),
+        pytest.param(np.round(0.3 * vibration()), id="few counts"),
+        pytest.param(np.where(np.arange(N_SAMPLES) % 303 < 9, 5.0, 0.0), id="digital tachometer"),
         pytest.param(np.round(32000 * np.sin(2 * np.pi * 4833 * TIME)), id="near half the rate"),
     ],
 )

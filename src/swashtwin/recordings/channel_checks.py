@@ -31,6 +31,9 @@ _AT_EXTREME = 1e-6
 # Consecutive samples at the extreme that count as clipped: a smooth peak has two at most.
 _MIN_CLIPPED_RUN = 3
 
+# Share of the samples in runs at both extremes from which on a signal has two levels only.
+_MIN_TWO_LEVEL_SHARE = 0.98
+
 # Samples in runs at an extreme below which they may be there by chance.
 _MIN_CROWD = 2 * _MIN_CLIPPED_RUN
 
@@ -89,7 +92,7 @@ def _find_unusable_channel(
     factor : by which the numbers of the file were multiplied.
     """
     peak = max(channel.maximum, -channel.minimum)
-    marks = [outliers for outliers in channel.outliers if outliers.mark is not None]
+    marks = [outliers for outliers in channel.outliers if outliers.mark(factor) is not None]
     if channel.invalid_count:
         message = (
             f"{channel.invalid_count} of {recording.n_samples} samples are missing or "
@@ -107,11 +110,12 @@ def _find_unusable_channel(
         message = f"every sample is {channel.minimum:g}: a dead or unplugged sensor?"
         return Finding("constant", "error", name, message)
     if marks:
-        mark = marks[0].mark or 0.0
+        mark = marks[0].farthest
         count = sum(outliers.numbers.size for outliers in marks)
+        verb = "is" if count == 1 else "are"
         in_file = "" if factor == 1 else f" ({mark / factor:.6g} in the file)"
         message = (
-            f"{count} of {recording.n_samples} samples are exactly {mark:.6g} {recording.unit}"
+            f"{count} of {recording.n_samples} samples {verb} exactly {mark:.6g} {recording.unit}"
             f"{in_file}, {marks[0].times} times as far from the median as usual, the first at "
             f"{int(marks[0].numbers[0]) / recording.sample_rate:.6g} s: a mark of missing values? "
             "Cut them out or repair the file."
@@ -148,14 +152,17 @@ def check_channels(
     one signal.
     """
     counts = _count_at_extremes(recording, statistics)
-    for name, channel, channel_counts in zip(recording.channels, statistics, counts, strict=True):
+    factors = recording.samples.factors
+    for name, channel, factor, channel_counts in zip(
+        recording.channels, statistics, factors, counts, strict=True
+    ):
         if channel.is_constant:
             continue
 
         crowds = [_crowd_size(*extreme) for extreme in channel_counts.tolist()]
         findings = (
             _check_extremes(recording, name, channel, crowds)
-            or _check_spikes(recording, name, channel),
+            or _check_spikes(recording, name, channel, factor),
             _check_made(name, channel),
             _check_dropouts(recording, name, channel, is_clipped=any(crowds)),
             _check_offset(recording, name, channel),
@@ -176,6 +183,13 @@ def _check_extremes(
     recording: Recording, name: str, channel: ChannelStatistics, crowds: Sequence[int]
 ) -> Finding | None:
     count = recording.n_samples
+    if min(crowds) > 0 and sum(crowds) >= _MIN_TWO_LEVEL_SHARE * count:
+        message = (
+            f"the samples have two levels only, {channel.minimum:.4g} and {channel.maximum:.4g} "
+            f"{recording.unit}: the pulses of a tachometer or a switch, or a signal far beyond the "
+            "range?"
+        )
+        return Finding("two_levels", "warning", name, message)
     if max(crowds) > count / 2:
         message = (
             f"{max(crowds)} samples ({max(crowds) / count:.2%}) are nearly equal compared with "
@@ -194,8 +208,10 @@ def _check_extremes(
     return Finding("clipping", "warning", name, message)
 
 
-def _check_spikes(recording: Recording, name: str, channel: ChannelStatistics) -> Finding | None:
-    spikes = [outliers for outliers in channel.outliers if outliers.mark is None]
+def _check_spikes(
+    recording: Recording, name: str, channel: ChannelStatistics, factor: float
+) -> Finding | None:
+    spikes = [outliers for outliers in channel.outliers if outliers.mark(factor) is None]
     if not spikes:
         return None
     count = sum(outliers.numbers.size for outliers in spikes)

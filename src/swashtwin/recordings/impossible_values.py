@@ -3,6 +3,7 @@
 `inspect_recordings` and the watch share these functions, so that both find the same.
 """
 
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,9 @@ _MIN_EQUAL_SHARE = 0.2
 # Share of the samples, or of the marked ones, that must have the same pattern.
 _MIN_PATTERN_SHARE = 0.98
 
+# Numbers that stand for a missing value.
+_NINES = re.compile(r"999+")
+
 
 class Outliers(NamedTuple):
     """Samples of one channel that are too far from the others for a vibration."""
@@ -65,8 +69,25 @@ class Outliers(NamedTuple):
     """Numbers of the samples."""
     ratio: float
     """Largest distance from the median, over the median distance."""
-    mark: float | None
-    """Value that all of them have, if it marks missing values; None for spikes."""
+    farthest: float
+    """Value of the one farthest from the median."""
+    have_one_value: bool
+    """Whether several have exactly one value, and not as the pulses of a tachometer."""
+
+    def mark(self, factor: float) -> float | None:
+        """Return the value that marks missing values, or None for spikes.
+
+        Several outliers of one value are marks. A single one is, if it is a number of nines in the
+        file, such as -9999: loggers write these for a missing value, and no sensor happens to give
+        exactly one of them, a thousand times from the others.
+
+        Parameters
+        ----------
+        factor : by which the numbers of the file were multiplied.
+        """
+        number = f"{abs(self.farthest / factor):.9g}"
+        is_missing = self.numbers.size == 1 and _NINES.fullmatch(number) is not None
+        return self.farthest if self.have_one_value or is_missing else None
 
     @property
     def times(self) -> str:
@@ -80,7 +101,7 @@ def find_outliers(row: Float[np.ndarray, " time"]) -> Outliers | None:
 
     Between them and the others lies a gap of a factor of ten, which vibration does not leave: a
     sampled impact has values at all distances. If several outliers have exactly one value, it
-    marks missing values. Pulses at regular distances are those of a tachometer.
+    marks missing values (`Outliers.mark`). Pulses at regular distances are those of a tachometer.
     """
     row = row.astype(np.float64)
     is_finite = np.isfinite(row)
@@ -88,9 +109,9 @@ def find_outliers(row: Float[np.ndarray, " time"]) -> Outliers | None:
         return None
     median = float(np.median(row[is_finite]))
     distance = np.where(is_finite, np.abs(row - median), 0.0)
-    median_distance = float(np.median(distance[is_finite]))
+    median_distance = _median_distance(distance[is_finite])
     if median_distance == 0:
-        return None  # half of the samples are equal
+        return None  # all samples are equal
 
     numbers = _beyond_gap(distance, median_distance)
     if not numbers.size:
@@ -98,11 +119,12 @@ def find_outliers(row: Float[np.ndarray, " time"]) -> Outliers | None:
 
     ratio = float(distance.max()) / median_distance
     values = row[numbers]
-    if numbers.size > 1 and (values == values[0]).all() and not _is_regular(numbers):
-        return Outliers(numbers, ratio, float(values[0]))
+    farthest = float(row[distance.argmax()])
+    have_one_value = numbers.size > 1 and bool((values == values[0]).all())
+    have_one_value = have_one_value and not _is_regular(numbers)
     is_rare = numbers.size <= max(1.0, _MAX_SPIKE_SHARE * row.size)
-    if is_rare or ratio >= _IMPOSSIBLE_RATIO:
-        return Outliers(numbers, ratio, None)
+    if have_one_value or is_rare or ratio >= _IMPOSSIBLE_RATIO:
+        return Outliers(numbers, ratio, farthest, have_one_value)
     return None
 
 
@@ -116,9 +138,20 @@ def may_have_outliers(sparse: Float[np.ndarray, " sample"], minimum: float, maxi
     if not sparse.size:
         return False
     median = float(np.median(sparse))
-    median_distance = float(np.median(np.abs(sparse - median)))
+    median_distance = _median_distance(np.abs(sparse - median))
+    if median_distance == 0:
+        return minimum < maximum
     # Half of the limit, since the median of some samples is not that of all.
     return max(maximum - median, median - minimum) > 0.5 * _FAR_RATIO * median_distance > 0
+
+
+def _median_distance(distance: Float[np.ndarray, " sample"]) -> float:
+    """Return the median distance, if half of the samples are equal that of the others."""
+    median_distance = float(np.median(distance))
+    if median_distance > 0:
+        return median_distance
+    nonzero = distance[distance > 0]
+    return float(np.median(nonzero)) if nonzero.size else 0.0
 
 
 def spread_samples(row: Float[np.ndarray, " time"]) -> Float[np.ndarray, " sample"]:

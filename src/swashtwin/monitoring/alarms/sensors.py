@@ -126,7 +126,8 @@ def _check_channel(
 
     outliers = find_outliers(row)
     if outliers is not None:
-        kind = "spikes" if outliers.mark is None else f"all {outliers.mark:.6g}, missing values"
+        mark = outliers.mark(1.0)
+        kind = "spikes" if mark is None else f"all {mark:.6g}, missing values"
         return SensorFinding(
             "spikes",
             name,

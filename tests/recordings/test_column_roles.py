@@ -10,7 +10,7 @@ import scipy.io
 from numpy.typing import ArrayLike
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import inspect_recordings, load_recording
+from swashtwin.recordings import inspect_recordings, load_recording, propose_index
 
 CASES = Path(__file__).parent / "cases"
 RATE = 4000.0
@@ -237,6 +237,20 @@ def test_a_file_of_other_quantities_only_gets_no_unit_of_acceleration(
     with pytest.raises(DataError, match=r"holds no column that may be in g: .*") as caught:
         load_recording(path, unit="g")
     assert caught.value.field == "channels"
+
+
+def test_an_index_skips_files_of_other_sensors_by_name(tmp_path: Path) -> None:
+    write_table(tmp_path / "Accelerometer.csv", {"Time (s)": TIME_S, "X": NOISE[0]})
+    write_table(tmp_path / "Gyroscope.csv", {"Time (s)": TIME_S, "X (rad/s)": NOISE[0]})
+    write_table(tmp_path / "Location.csv", {"Time (s)": TIME_S, "Latitude (°)": 48 + NOISE[0]})
+
+    proposal = propose_index(tmp_path, label_pattern="(?P<label>[A-Z][a-z]+)", unit="g")
+
+    files = [entry["file"] for entry in proposal.index["recording"]]
+    assert files == ["Accelerometer.csv"]
+    skipped = [finding.message for finding in proposal.skipped]
+    assert len(skipped) == 2
+    assert "Gyroscope.csv holds no column that may be in g: X (rad/s)" in skipped[0]
 
 
 # ---- classes, states and pulses

@@ -53,6 +53,10 @@ _OTHER_AXES = {"g": "gyroscope?", "m": "magnetometer?", "w": "rotation?"}
 _PART_NUMBER = re.compile(r" \[\d+\]$")
 
 
+class NoVibrationError(DataError):
+    """A file holds other quantities only, and a unit of acceleration is specified."""
+
+
 class RoleKind(Enum):
     """How certain it is that a column is a vibration."""
 
@@ -83,6 +87,8 @@ def vibration_columns(raw: RawFile, options: ReadOptions, source_name: str) -> l
 
     Raises
     ------
+    NoVibrationError
+        A unit of acceleration is specified, and all columns are of other quantities.
     DataError
         A unit of acceleration is specified, and which columns it is for cannot be decided.
     """
@@ -115,7 +121,7 @@ def vibration_columns(raw: RawFile, options: ReadOptions, source_name: str) -> l
         selected = list(raw.units)  # these contradict the specified unit, which is reported
     if not selected and unit not in (None, "1"):
         listed = join_names([_with_reason(name, role) for name, role in roles.items()], 9)
-        raise DataError(
+        raise NoVibrationError(
             f"{source_name} holds no column that may be in {unit}: {listed}.",
             field="channels",
             remedy="If one is a vibration all the same, select it with {channels}.",

@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, MissingFileError, parse_quantity, plain_text, plural
-from swashtwin.recordings.column_roles import EXCLUDED_COLUMNS, describe_excluded, vibration_columns
+from swashtwin.recordings.column_roles import (
+    EXCLUDED_COLUMNS,
+    NoVibrationError,
+    describe_excluded,
+    vibration_columns,
+)
 from swashtwin.recordings.column_selection import (
     rate_in_file,
     resolve_sample_rate,
@@ -271,11 +276,20 @@ class _Survey:
             if self.table_facts is None and "text_columns" in raw.attributes:
                 named_file = _find_named_file(path, names)
             if named_file is None:
-                self._add(name, raw)
+                self._add_or_skip(name, raw)
             else:
                 self._skip(
                     f"{path} names {named_file}.", "To take facts from it, specify it as {table}."
                 )
+
+    def _add_or_skip(self, name: str, raw: RawFile) -> None:
+        """Add a file, or skip one of other sensors, such as the gyroscope of a telephone."""
+        try:
+            self._add(name, raw)
+        except NoVibrationError as cause:
+            if self.table_facts is not None:
+                raise
+            self._skip(cause.message, cause.remedy)
 
     def _skip(self, reason: str, remedy: str) -> None:
         self.skipped.append(Finding("skipped", "note", None, reason, remedy))

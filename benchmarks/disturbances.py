@@ -9,7 +9,7 @@ undisturbed recording lacks. A detector names no fault, so its alarm is right fo
 recording; it fails if it misses a fault that it reports without the disturbance.
 
 It prints each failure, and a table of the totals. With 15 recordings of each disturbance it takes
-about five minutes of processor time, half of it for the training.
+little more than a minute of processor time.
 """
 
 import argparse

@@ -258,6 +258,17 @@ def test_a_pump_at_another_speed_than_specified_names_no_fault() -> None:
     assert "ran at another speed than specified" in verdict.sentence()
 
 
+@pytest.mark.parametrize("speed", [970, 1035, 1060])
+def test_a_speed_that_the_piston_passes_contradict_is_stated(speed: float) -> None:
+    other = recording("normal", 9, condition=CONDITION.replace(speed=rpm(speed)))
+    verdict = adapted().diagnose(replace(other, condition=CONDITION))
+    text = " ".join((verdict.sentence(), *verdict.notes))
+
+    assert verdict.verdict == "unknown"
+    assert "not of the specified speed" in text or "another speed than specified" in text
+    assert adapted().diagnose(recording("normal", 9)).verdict == "normal"
+
+
 def test_a_doubled_channel_is_noted() -> None:
     member = recording("normal", 9)
     signal = member.signal.copy()

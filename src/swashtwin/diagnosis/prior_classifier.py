@@ -22,6 +22,7 @@ from swashtwin.diagnosis.prior_head import (
     UNKNOWN_RATE,
     PriorHead,
     VirtualChanges,
+    find_other_speed,
     fit_head,
     order_band_powers,
 )
@@ -382,6 +383,7 @@ class PriorClassifier:
             with recording.loaded():
                 change, notes = self.change(recording)
                 notes = (*notes, *describe_sensor_doubts(recording))
+                speed_ratio = find_other_speed(recording, self.bands)
                 content = recording.content_hashes()
         except DataError as cause:
             return replace(diagnosis, no_verdict=str(cause))
@@ -393,29 +395,8 @@ class PriorClassifier:
 
         probability = head.predict_proba(change[None])[0]
         label = self.classes[int(probability[:-1].argmax())]
-        label_text = label.replace("_", " ")
-        p_value = head.p_value(float(probability[-1]))
-        is_last_class = probability.argmax() == len(self.classes) - 1
-        line_change = head.line_change(change, self.bands)
-
-        scatter = head.scale.reshape(change.shape)
-        reasons = describe_changed_sensors(change, scatter, self.bands, self.channels)
-        if reasons:
-            notes = (*reasons[1:], *notes)
-        elif p_value <= UNKNOWN_RATE or is_last_class:
-            reason = (
-                f"The recording fits the prior's classes worse than {100 * (1 - p_value):.3g} % of "
-                f"the virtual recordings do (unknown from {100 * (1 - UNKNOWN_RATE):g} %). It "
-                f"resembles {label_text} most."
-            )
-            reasons = (reason,)
-        elif label != self.classes[0] and line_change <= MIN_LINE_CHANGE:
-            reason = (
-                f"The lines changed by {line_change:.2g} healthy standard deviations on average "
-                f"({MIN_LINE_CHANGE:g} are needed to name a fault), so {label_text} would be a "
-                "guess: any fault, cavitation or a neighboring machine may change the rest."
-            )
-            reasons = (reason,)
+        reasons = self._describe_doubts(recording, change, probability, speed_ratio)
+        notes = (*reasons[1:], *notes)
 
         n_references = len(self._find_references(recording)[0])
         return replace(
@@ -424,12 +405,56 @@ class PriorClassifier:
             unknown=bool(reasons),
             probabilities=dict(zip(self.classes, probability.tolist(), strict=True)),
             score=1 - float(probability[0]),
-            p_value=p_value,
+            p_value=head.p_value(float(probability[-1])),
             basis=plural(n_references, "healthy recording") + " of the machine",
             n_basis=n_references,
             reasons=reasons,
             notes=notes,
         )
+
+    def _describe_doubts(
+        self,
+        recording: Recording,
+        change: Float64[np.ndarray, "channel level"],
+        probability: Float64[np.ndarray, " class"],
+        speed_ratio: float | None,
+    ) -> tuple[str, ...]:
+        """Return why a recording is unknown; nothing if it is not.
+
+        Parameters
+        ----------
+        speed_ratio : as of `find_other_speed`.
+        """
+        head = self._require_adapted()
+        scatter = head.scale.reshape(change.shape)
+        sensor_reasons = describe_changed_sensors(change, scatter, self.bands, self.channels)
+        if sensor_reasons:
+            return sensor_reasons
+        if speed_ratio is not None:
+            speed = 60 * speed_ratio * require_shaft_frequency(recording)
+            return (
+                f"The lines of the piston passes are those of {speed:.4g} rev/min, not of the "
+                "specified speed. Correct the speed or the sample rate in the index.",
+            )
+
+        label = self.classes[int(probability[:-1].argmax())]
+        label_text = label.replace("_", " ")
+        p_value = head.p_value(float(probability[-1]))
+        if p_value <= UNKNOWN_RATE or probability.argmax() == len(self.classes) - 1:
+            return (
+                f"The recording fits the prior's classes worse than {100 * (1 - p_value):.3g} % of "
+                f"the virtual recordings do (unknown from {100 * (1 - UNKNOWN_RATE):g} %). It "
+                f"resembles {label_text} most.",
+            )
+
+        line_change = head.line_change(change, self.bands)
+        if label != self.classes[0] and line_change <= MIN_LINE_CHANGE:
+            return (
+                f"The lines changed by {line_change:.2g} healthy standard deviations on average "
+                f"({MIN_LINE_CHANGE:g} are needed to name a fault), so {label_text} would be a "
+                "guess: any fault, cavitation or a neighboring machine may change the rest.",
+            )
+        return ()
 
     def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
         """Return false alarms, alarms and recognized faults on recordings not used in training.

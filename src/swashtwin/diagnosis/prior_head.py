@@ -15,8 +15,19 @@ import scipy
 from jaxtyping import Bool, Float, Float64, Int, Int64
 
 from swashtwin.foundation import DataError, InputError
+from swashtwin.pump import SPEED_TOLERANCE
 from swashtwin.recordings import Recording
 from swashtwin.signals import TURNS, OrderBands, recording_density, require_shaft_frequency
+
+# Relative deviations of the speed among which that of the piston passes is searched for, if it is
+# not the specified one, and their number. Beyond, shaft orders beside the passes fit as well.
+_MAX_OTHER_SPEED = 0.12
+_N_OTHER_SPEEDS = 241
+
+# Mean power of the passes at another speed, above that at the specified one [dB], from which the
+# recording contradicts it: 11 dB or more at a speed that is 3 to 10 % wrong, and less than -8 dB in
+# 130 recordings of versions 1 and 2 of the rig at the right one.
+_MIN_OTHER_RISE_DB = 3.0
 
 # Largest relative deviation of the speed from the one that a recording specifies.
 _MAX_SPEED_DEVIATION = 0.012
@@ -71,6 +82,14 @@ def order_band_powers(
         The recording cannot be used, is shorter than eight turns, does not specify its speed, or
         its rate is too low for the first bands.
     """
+    power, order_width = _order_spectrum(recording, bands)
+    return bands.log_powers(power, order_width / _speed_ratio(power, order_width, bands))
+
+
+def _order_spectrum(
+    recording: Recording, bands: OrderBands
+) -> tuple[Float64[np.ndarray, "channel cell"], float]:
+    """Return the power in cells of the order axis, and the width of a cell [shaft orders]."""
     shaft = require_shaft_frequency(recording)
     rate = float(recording.sample_rate)
     max_frequency = _MIN_PASSES * bands.piston_count * shaft
@@ -82,9 +101,22 @@ def order_band_powers(
 
     length = scipy.fft.next_fast_len(math.ceil(TURNS * rate / shaft), real=True)
     line_width = rate / length
-    power = recording_density(recording, length) * line_width
-    order_width = line_width / shaft
-    return bands.log_powers(power, order_width / _speed_ratio(power, order_width, bands))
+    return recording_density(recording, length) * line_width, line_width / shaft
+
+
+def find_other_speed(recording: Recording, bands: OrderBands) -> float | None:
+    """Return the speed, over the specified one, that the piston passes show; None if they fit.
+
+    Errors: see `order_band_powers`.
+    """
+    power, order_width = _order_spectrum(recording, bands)
+    ratios = 1 + np.linspace(-_MAX_OTHER_SPEED, _MAX_OTHER_SPEED, _N_OTHER_SPEEDS)
+    levels = _pass_levels(power, order_width, bands, ratios)
+
+    is_specified = np.abs(ratios - 1) <= SPEED_TOLERANCE
+    index = int(np.where(is_specified, -np.inf, levels).argmax())
+    rise_db = 10 * (levels[index] - levels[is_specified].max())
+    return float(ratios[index]) if rise_db >= _MIN_OTHER_RISE_DB else None
 
 
 def _speed_ratio(
@@ -92,12 +124,20 @@ def _speed_ratio(
 ) -> float:
     """Return the speed over the specified one at which the piston passes are strongest."""
     ratios = 1 + np.linspace(-_MAX_SPEED_DEVIATION, _MAX_SPEED_DEVIATION, _N_SPEED_CANDIDATES)
+    return float(ratios[_pass_levels(power, order_width, bands, ratios).argmax()])
+
+
+def _pass_levels(
+    power: Float64[np.ndarray, "channel cell"],
+    order_width: float,
+    bands: OrderBands,
+    ratios: Float64[np.ndarray, " speed"],
+) -> Float64[np.ndarray, " speed"]:
+    """Return the mean log10 power at the piston passes if the speed is each of some ratios."""
     pass_orders = np.arange(1, bands.passes + 1) * bands.piston_count
     level = np.log10(np.maximum(power, 1e-30)).mean(axis=0)
-
     cells = ratios[:, None] * pass_orders / order_width
-    pass_levels = np.interp(cells, np.arange(level.size), level).mean(axis=1)
-    return float(ratios[pass_levels.argmax()])
+    return np.asarray(np.interp(cells, np.arange(level.size), level).mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

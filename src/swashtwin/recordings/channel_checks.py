@@ -133,7 +133,7 @@ def _find_unusable_channel(
 
 
 def describe_sensor_doubts(recording: Recording) -> tuple[str, ...]:
-    """Return sentences on channels that a sensor did not measure as they are.
+    """Return sentences on channels whose samples look changed or doubled.
 
     Every model notes them with its verdict. An offset is left out, since no model regards it.
     """

@@ -29,6 +29,12 @@ from swashtwin.recordings.formats.headings import (
 )
 from swashtwin.recordings.formats.raw_file import RawFile
 from swashtwin.recordings.formats.sample_units import normalize_unit
+from swashtwin.recordings.path_labels import (
+    MACHINE_IN_FILE_NAME,
+    MACHINE_NAME,
+    PathClasses,
+    label_of_path,
+)
 
 PRESSURES = ("pressure", "suction_pressure", "case_pressure")
 """Keys whose bare numbers have no default unit: MPa and bar are both in use."""
@@ -76,18 +82,6 @@ _FURTHER_NOUN = re.compile(
     r"[\W_](?!pump|shaft|welle|motor|actual|ist\b|mean)[a-zäöüß]", re.IGNORECASE
 )
 
-_MACHINE_NUMBER = r"(?:[ _-]?\d{1,9}|(?:[ _-]|(?<=[a-z]))[A-Z]\d{0,3})"
-MACHINE_NAME = re.compile(
-    rf"(?i:pumpe?|machine|maschine|unit|sn|serial|nr|no)(?:{_MACHINE_NUMBER}|[ _-][a-z])"
-    r"|[A-Z]\d{0,3}"
-)
-"""Names of folders, and words of classes, that stand for a machine."""
-
-# The same in the name of a file, where a number alone may be that of the measurement.
-_MACHINE_IN_FILE_NAME = re.compile(
-    rf"(?<![^\W_])(?i:pumpe?|machine|maschine|unit|sn|serial){_MACHINE_NUMBER}(?![^\W_])"
-)
-
 _ENTRY_KEYS = {field.name for field in fields(Entry)}
 
 # A pressure of a header below this is that of the air.
@@ -100,7 +94,9 @@ _PATTERN_TIMEOUT_S = 1.0
 _MAX_CONTRADICTION = 0.03
 
 
-def parse_path_facts(name: str, pattern: str | None) -> tuple[dict[str, Any], Set[str]]:
+def parse_path_facts(
+    name: str, pattern: str | None, classes: PathClasses
+) -> tuple[dict[str, Any], Set[str]]:
     """Return (facts that a file's relative path states, keys of those that the pattern found).
 
     Speed and pressure with their units, and a machine, are recognized without a pattern too.
@@ -109,6 +105,7 @@ def parse_path_facts(name: str, pattern: str | None) -> tuple[dict[str, Any], Se
     ----------
     pattern : regular expression whose named groups are facts, which override the others; without
         it the label is the folder's name or the words of the file name.
+    classes : what tells classes apart in the paths of all files.
     """
     path = Path(name)
     texts: dict[str, str] = {}
@@ -118,13 +115,16 @@ def parse_path_facts(name: str, pattern: str | None) -> tuple[dict[str, Any], Se
             texts[key] = f"{match[1]} {match[2]}"
             stem = regex.sub(expression, " ", stem, flags=regex.IGNORECASE)
 
-    machine_folder = next(
-        (folder for folder in path.parent.parts if MACHINE_NAME.fullmatch(folder)), None
-    )
+    machine_folder = None
+    for folder in reversed(path.parents):
+        is_class = folder.as_posix() in classes.folders
+        if not is_class and MACHINE_NAME.fullmatch(folder.name):
+            machine_folder = folder.name
+            break
     if machine_folder:
         texts["specimen"] = machine_folder
     else:
-        machine = _MACHINE_IN_FILE_NAME.search(stem)
+        machine = MACHINE_IN_FILE_NAME.search(stem)
         if machine and machine[0] != stem.strip("_-. "):
             texts["specimen"] = machine[0]
             stem = stem.replace(machine[0], " ")
@@ -133,23 +133,8 @@ def parse_path_facts(name: str, pattern: str | None) -> tuple[dict[str, Any], Se
         matched, units = _match_pattern(name, pattern)
         return parse_fact_texts({**texts, **matched}, units), matched.keys()
 
-    label = _label_of_path(path, stem, machine_folder)
+    label = label_of_path(path, stem, machine_folder, classes)
     return parse_fact_texts({"label": label, **texts}), frozenset()
-
-
-def _label_of_path(path: Path, stem: str, machine_folder: str | None) -> str:
-    """Return the parent folder's name, or the words of the file name without a digit."""
-    parent = path.parent.name
-    if parent and not re.search(r"\d", parent) and parent != machine_folder:
-        return parent
-
-    label_words = []
-    for word in re.split(r"[_\-\s.]+", stem):
-        if word and not re.search(r"\d", word):
-            label_words.append(word)
-    if len(label_words) > 1 and label_words[0] == machine_folder:
-        label_words = label_words[1:]
-    return "_".join(label_words)
 
 
 def _match_pattern(name: str, pattern: str) -> tuple[dict[str, str], dict[str, str]]:

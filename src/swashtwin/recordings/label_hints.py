@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from swashtwin.pump import is_healthy
-from swashtwin.recordings.fact_extraction import MACHINE_NAME
 from swashtwin.recordings.findings import Finding
+from swashtwin.recordings.path_labels import MACHINE_NAME
 
 _MAX_LISTED_WORDS = 4
 

@@ -19,6 +19,7 @@ from swashtwin.recordings.column_selection import (
     resolve_sample_rate,
     select_columns,
 )
+from swashtwin.recordings.dataset_checks import class_name_findings
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.fact_extraction import (
     parse_header_facts,
@@ -36,6 +37,7 @@ from swashtwin.recordings.label_hints import (
     label_hints,
     move_machines_out_of_labels,
 )
+from swashtwin.recordings.path_labels import PathClasses, number_notes
 from swashtwin.recordings.scaling import resolve_scaling
 
 Facts = dict[str, tuple[str, str]]
@@ -161,6 +163,9 @@ def propose_index(
         if machine_notes:
             survey.update_label_facts()
         notes += machine_notes
+        notes += number_notes(survey.entries, survey.path_classes)
+    labels = [entry.get("label") for entry in survey.entries]
+    notes += [note for note in class_name_findings(labels) if note.kind == "similar_classes"]
 
     index: dict[str, Any] = {"format": 1}
     if index_folder is not None and Path(index_folder).resolve() != folder.resolve():
@@ -257,8 +262,12 @@ class _Survey:
     facts: list[Facts] = field(default_factory=list)
     notes: list[Finding] = field(default_factory=list)
 
+    path_classes: PathClasses = field(default_factory=PathClasses)
+    """What tells classes apart in the paths."""
+
     def read(self, names: Sequence[str]) -> None:
         """Read the facts of files, or why they cannot be read."""
+        self.path_classes = PathClasses.find(names)
         for name in names:
             path = self.folder / name
             try:
@@ -321,11 +330,11 @@ class _Survey:
         values: dict[str, Any] = {}
         pattern_keys: Set[str] = frozenset()
         if self.table_facts is None:
-            values, pattern_keys = parse_path_facts(name, self.pattern)
+            values, pattern_keys = parse_path_facts(name, self.pattern, self.path_classes)
         else:
             row = self.table_facts[name]
             if self.pattern:  # it adds what the table lacks
-                path_facts, pattern_keys = parse_path_facts(name, self.pattern)
+                path_facts, pattern_keys = parse_path_facts(name, self.pattern, self.path_classes)
                 pattern_keys = pattern_keys - row.keys()
                 values = {key: path_facts[key] for key in pattern_keys & path_facts.keys()}
                 # A group that is not a key of an entry is an attribute.

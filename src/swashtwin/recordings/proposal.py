@@ -39,6 +39,7 @@ from swashtwin.recordings.label_hints import (
 )
 from swashtwin.recordings.path_labels import PathClasses, number_notes
 from swashtwin.recordings.scaling import resolve_scaling
+from swashtwin.recordings.side_files import find_side_files
 
 Facts = dict[str, tuple[str, str]]
 """Value and origin of each fact of one file."""
@@ -267,6 +268,7 @@ class _Survey:
 
     def read(self, names: Sequence[str]) -> None:
         """Read the facts of files, or why they cannot be read."""
+        names = self._without_side_files(names)
         self.path_classes = PathClasses.find(names)
         for name in names:
             path = self.folder / name
@@ -300,7 +302,23 @@ class _Survey:
                 raise
             self._skip(cause.message, cause.remedy)
 
-    def _skip(self, reason: str, remedy: str) -> None:
+    def _without_side_files(self, names: Sequence[str]) -> list[str]:
+        """Return the files that may be recordings, and skip event logs and the like."""
+        if self.table_facts is not None:
+            return list(names)
+
+        side_files = []
+        for name in find_side_files(self.folder, names):
+            if _find_named_file(self.folder / name, names) is None:  # else it is a table of facts
+                side_files.append(name)
+        if side_files:
+            self._skip(
+                f"{join_names(side_files, _MAX_LISTED_VALUES)}: words and few numbers, as event "
+                "logs and descriptions of a device have."
+            )
+        return [name for name in names if name not in side_files]
+
+    def _skip(self, reason: str, remedy: str = "") -> None:
         self.skipped.append(Finding("skipped", "note", None, reason, remedy))
 
     def _note(self, kind: str, message: str, remedy: str = "") -> None:
@@ -491,8 +509,20 @@ class _Survey:
             )
         if not self.entries:
             raise DataError(
-                f"{self.folder} holds no file to index: supported are {', '.join(suffixes())}."
+                f"{self.folder} holds no file to index{_describe_other_files(self.folder)}: "
+                f"supported are {', '.join(suffixes())}."
             )
+
+
+def _describe_other_files(folder: Path) -> str:
+    """Return the suffixes of the files of a folder, to continue a sentence with."""
+    counts = Counter(
+        path.suffix.lower()
+        for path in folder.rglob("*.*")
+        if path.is_file() and not path.name.startswith(".")
+    )
+    listed = [plural(count, f"{suffix} file") for suffix, count in counts.most_common()]
+    return f", but {join_names(listed)}" if listed else ""
 
 
 def _find_named_file(path: Path, names: Sequence[str]) -> str | None:

@@ -1,0 +1,72 @@
+"""Event logs and descriptions of a device that recorders write are left out by name."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swashtwin.foundation import DataError
+from swashtwin.recordings import propose_index
+
+CASES = Path(__file__).parent / "cases"
+
+
+def write_table(path: Path, n_rows: int, label: str = "") -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = ["acc,label" if label else "acc"]
+    for sample in np.random.default_rng(n_rows).normal(size=n_rows):
+        rows.append(f"{sample:.4f},{label}" if label else f"{sample:.4f}")
+    path.write_text("\n".join(rows))
+
+
+def test_meta_files_of_a_phone_are_left_out_in_one_note(tmp_path: Path) -> None:
+    folder = shutil.copytree(CASES / "K21-phone", tmp_path / "phone")
+    (folder / "meta" / "device.csv").write_text(
+        '"property","value"\n"deviceModel","Pixel 7"\n"fileFormat","1.17"\n'
+    )
+
+    proposal = propose_index(folder, unit="m/s^2", sample_rate="400 Hz")
+
+    assert [entry["file"] for entry in proposal.index["recording"]] == ["Raw Data.csv"]
+    (finding,) = proposal.skipped
+    assert finding.message.startswith("meta/device.csv, meta/time.csv: words and few numbers")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("events.txt", "Zeit;Ereignis\n0,5;Start\n12,25;Ventil offen\n60,0;Stopp\n"),
+        ("log/sensor_info.tsv", "key\tvalue\nvendor\tBosch\nrange\t16\nfirmware\tv2.1\n"),
+        ("marks.csv", "1,2026-01-03,Pump on\n2,2026-01-03,Pump off\n3,2026-01-03,Pump on\n"),
+    ],
+)
+def test_event_logs_and_descriptions_are_left_out(tmp_path: Path, name: str, text: str) -> None:
+    write_table(tmp_path / "normal_1.csv", 2000)
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text(text)
+
+    proposal = propose_index(tmp_path, unit="g", sample_rate="1 kHz")
+
+    assert [entry["file"] for entry in proposal.index["recording"]] == ["normal_1.csv"]
+    (finding,) = proposal.skipped
+    assert finding.message.startswith(f"{name}: words and few numbers")
+
+
+def test_a_short_recording_with_a_column_of_words_is_not_left_out(tmp_path: Path) -> None:
+    write_table(tmp_path / "wear_1.csv", 2000)
+    write_table(tmp_path / "normal_1.csv", 50)
+    write_table(tmp_path / "normal_2.csv", 900, label="normal")
+
+    proposal = propose_index(tmp_path, unit="g", sample_rate="1 kHz")
+
+    assert len(proposal.index["recording"]) == 3
+    assert not proposal.skipped
+
+
+def test_a_folder_of_files_that_are_not_supported_names_their_suffixes(tmp_path: Path) -> None:
+    for number in range(3):
+        (tmp_path / f"normal_{number}.xls").write_text("1\t2\n")
+
+    with pytest.raises(DataError, match=r"no file to index, but 3 \.xls files: supported are"):
+        propose_index(tmp_path, unit="g")

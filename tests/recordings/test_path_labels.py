@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from swashtwin.recordings import propose_index
 from swashtwin.recordings.proposal import IndexProposal
@@ -74,3 +75,64 @@ def test_classes_that_differ_in_case_only_are_said() -> None:
     messages = [note.message for note in proposal.notes if note.kind == "similar_classes"]
     assert len(messages) == 2
     assert "'Fault' and 'fault' differ in case" in messages[0]
+
+
+def test_codes_in_names_that_may_be_machines_are_listed(tmp_path: Path) -> None:
+    proposal = propose_for(tmp_path, ["P12_normal", "P14_normal", "P12_wear", "P14_wear"])
+
+    (note,) = [note for note in proposal.notes if note.kind == "machine_codes"]
+    assert note.message == "found in names, not used: P12, P14."
+    assert proposal.index["classes"] == ["normal", "wear"]
+
+
+@pytest.mark.parametrize("heading", ["Pruefling;P14", "Prüfling: P14", "Machine = P14", "DUT;P14"])
+def test_the_machine_that_a_header_names_is_proposed(tmp_path: Path, heading: str) -> None:
+    for number in range(2):
+        samples = np.random.default_rng(number).normal(size=60)
+        lines = [heading, "acc", *(f"{sample:.4f}" for sample in samples)]
+        (tmp_path / f"normal_{number}.csv").write_text("\n".join(lines), encoding="utf-8")
+
+    proposal = propose_index(tmp_path, unit="g", sample_rate="1 kHz")
+
+    assert proposal.index["defaults"]["specimen"] == "P14"
+    assert "specimen: P14 (2), from the file" in proposal.facts
+
+
+def test_properties_of_a_tdms_group_are_facts(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    group = nptdms.GroupObject("g", {"SpeedRPM": 1500.0, "PressureBar": 150.0, "Machine": "P7"})
+    samples = np.random.default_rng(0).normal(size=500)
+    properties = {"wf_increment": 1e-3, "unit_string": "g"}
+    with nptdms.TdmsWriter(tmp_path / "normal.tdms") as writer:
+        writer.write_segment([group, nptdms.ChannelObject("g", "acc", samples, properties)])
+
+    (entry,) = propose_index(tmp_path).index["recording"]
+
+    assert (entry["speed"], entry["pressure"]) == ("1500.0 rpm", "150.0 bar")
+    assert entry["specimen"] == "P7"
+
+
+@pytest.mark.parametrize(
+    ("name", "pressure"), [("p_bar", "150 bar"), ("p_MPa", "150 MPa"), ("p", None)]
+)
+def test_a_symbol_is_a_pressure_only_with_its_unit(
+    tmp_path: Path, name: str, pressure: str | None
+) -> None:
+    samples = np.random.default_rng(0).normal(size=500)
+    savemat(tmp_path / "normal.mat", {"acc": samples, "fs": 1000.0, name: 150.0})
+
+    (entry,) = propose_index(tmp_path, unit="g").index["recording"]
+
+    assert entry.get("pressure") == pressure
+
+
+def test_many_notes_of_one_kind_are_one(tmp_path: Path) -> None:
+    for number in range(78):
+        samples = np.random.default_rng(number).normal(size=20)
+        lines = [f"Drehzahl: {1500 + number} rpm", "acc", *map("{:.4f}".format, samples)]
+        (tmp_path / f"normal_1000rpm_{number}.csv").write_text("\n".join(lines))
+
+    notes = propose_index(tmp_path, unit="g", sample_rate="1 kHz").notes
+
+    (note,) = [note for note in notes if note.kind == "contradicted"]
+    assert "(77 more notes of this kind.)" in note.message

@@ -68,12 +68,23 @@ _PATH_PATTERNS = {
 # Quantities that are recognized in headings, in English and German.
 _HEADING_PATTERNS = {
     "speed": r"drehzahl|(?:shaft|rotational|motor|pump)[ _]?speed|^speed|rpm$|^rpm",
-    "pressure": r"^(?:discharge|outlet|high|system)?[ _-]?pressure|(?:förder|hoch|betriebs|^)druck",
+    "pressure": r"^(?:discharge|outlet|high|system)?[ _-]?pressure|(?:förder|hoch|betriebs|^)druck"
+    r"|^p(?=(?:[ _-]?(?:bar|mpa|kpa|psi))?$)",
     "oil_temperature": r"oil[ _-]?temp|öltemp",
 }
 
 # Headings of values that were not measured.
 _LIMIT_HEADING = re.compile(r"nominal|nenn|rated|set[ _-]?point|soll|max|limit", re.IGNORECASE)
+
+# Headings of the machine that was measured.
+_SPECIMEN_HEADING = re.compile(
+    r"(?:pr(?:ü|ue|u)fling|specimen|machine|maschine|pump|pumpe|dut|serial|seriennummer|sn)"
+    r"(?:[ _-]?(?:id|nr|no|number|name))?",
+    re.IGNORECASE,
+)
+
+# Characters of the name of a machine; longer texts are descriptions.
+_MAX_SPECIMEN_LENGTH = 40
 
 _HEADING_UNIT = re.compile(r"(rpm|hz|bar|mpa|kpa|psi)$", re.IGNORECASE)
 
@@ -262,10 +273,7 @@ def parse_header_facts(raw: RawFile) -> dict[str, Any]:
     if raw.facts:
         return {}
 
-    pairs: list[tuple[str, str]] = parse_header(raw.attributes.get("header", ""))
-    for name, text in raw.attributes.items():
-        if name != "header":
-            pairs.append((name.rpartition(".")[2], text))
+    pairs = _header_pairs(raw)
     is_decimal_comma = shows_decimal_comma(pairs)
     # The motor's speed counts last: a pump's own line is more certain.
     pairs.sort(key=lambda pair: "motor" in pair[0].lower())
@@ -288,6 +296,28 @@ def parse_header_facts(raw: RawFile) -> dict[str, Any]:
     return {key: text for key, text in facts.items() if _is_plausible(key, text)}
 
 
+def _header_pairs(raw: RawFile) -> list[tuple[str, str]]:
+    """Return name and value of the header lines and attributes of a file."""
+    pairs: list[tuple[str, str]] = parse_header(raw.attributes.get("header", ""))
+    for name, text in raw.attributes.items():
+        if name != "header":
+            pairs.append((name.rpartition(".")[2], text))
+    return pairs
+
+
+def parse_header_specimen(raw: RawFile) -> str | None:
+    """Return the machine that the header of a file names, or None."""
+    if raw.facts:
+        return None
+
+    for name, text in _header_pairs(raw):
+        specimen = str(text).strip(" ;,\t")
+        is_name = 0 < len(specimen) <= _MAX_SPECIMEN_LENGTH and "\n" not in specimen
+        if is_name and _SPECIMEN_HEADING.fullmatch(name.strip()):
+            return specimen
+    return None
+
+
 def _parse_heading(key: str, name: str, number: str, unit: str) -> str | None:
     """Return number and unit if a heading names a quantity, or None."""
     heading, heading_unit = split_unit(name)
@@ -297,7 +327,8 @@ def _parse_heading(key: str, name: str, number: str, unit: str) -> str | None:
 
     suffix = _HEADING_UNIT.search(heading)
     has_unit = bool(unit or heading_unit or suffix or "rpm" in match[0].lower())
-    if not has_unit and _FURTHER_NOUN.search(heading[match.end() :]):
+    is_symbol = len(match[0]) == 1  # "p" alone may be anything
+    if not has_unit and (is_symbol or _FURTHER_NOUN.search(heading[match.end() :])):
         return None
     return f"{number} {unit or heading_unit or (suffix[1] if suffix else '')}".strip()
 

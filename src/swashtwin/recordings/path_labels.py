@@ -25,6 +25,9 @@ MACHINE_IN_FILE_NAME = re.compile(
 )
 """The same in the name of a file, where a number alone may be that of the measurement."""
 
+# A code in the name of a file, which may be a machine (P12) or something else.
+_CODE_IN_FILE_NAME = r"[A-Z]\d{1,3}"
+
 # A number and its unit, such as the depth of a fault: 10um, 45 um, 0.5X.
 _LEVEL = re.compile(r"(?<![^\W_])(?<!\d[.,])(\d+(?:[.,]\d+)?)([ _]?)([A-Za-zµμ%]{1,4})(?![^\W_]|%)")
 
@@ -164,3 +167,23 @@ def number_notes(entries: Iterable[Mapping[str, Any]], classes: PathClasses) -> 
     )
     remedy = "If they are not part of the class, specify it with {label_pattern}."
     return [Finding("numbered_classes", "note", None, message, remedy)]
+
+
+def machine_code_notes(entries: Iterable[Mapping[str, Any]]) -> list[Finding]:
+    """Return a note about codes such as P12 in file names that may be those of machines."""
+    files = [entry["file"] for entry in entries if "specimen" not in entry]
+    codes = Counter(
+        code
+        for file in files
+        for code in set(re.split(r"[_\-\s.]+", PurePosixPath(file).stem))
+        if re.fullmatch(_CODE_IN_FILE_NAME, code)
+    )
+    # A code of a single file is its number; one of all files tells no machines apart.
+    shared = sorted(code for code, count in codes.items() if 1 < count < len(files))
+    letters = {code[0] for code in shared}
+    if len(shared) < 2 or len(letters) != 1:
+        return []
+
+    message = f"found in names, not used: {join_names(shared, _MAX_LISTED_CLASSES)}."
+    remedy = "If they are machines, specify them as (?P<specimen>...) in {label_pattern}."
+    return [Finding("machine_codes", "note", None, message, remedy)]

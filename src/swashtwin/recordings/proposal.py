@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from swashtwin.recordings.dataset_checks import class_name_findings
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.fact_extraction import (
     parse_header_facts,
+    parse_header_specimen,
     parse_path_facts,
     pressures_without_unit,
     read_fact_table,
@@ -37,7 +38,7 @@ from swashtwin.recordings.label_hints import (
     label_hints,
     move_machines_out_of_labels,
 )
-from swashtwin.recordings.path_labels import PathClasses, number_notes
+from swashtwin.recordings.path_labels import PathClasses, machine_code_notes, number_notes
 from swashtwin.recordings.scaling import resolve_scaling
 from swashtwin.recordings.side_files import find_side_files
 
@@ -49,6 +50,9 @@ _FIRST_FACTS = ("label", "specimen", "speed", "pressure", "sample_rate", "unit",
 
 # Values of a fact that are listed.
 _MAX_LISTED_VALUES = 6
+
+# Notes of one kind that are listed; of more, the first is.
+_MAX_NOTES_OF_KIND = 3
 
 # Bytes of a text file in which names of other files are searched.
 _MAX_HEAD_BYTES = 1 << 16
@@ -165,6 +169,7 @@ def propose_index(
             survey.update_label_facts()
         notes += machine_notes
         notes += number_notes(survey.entries, survey.path_classes)
+        notes += machine_code_notes(survey.entries)
     labels = [entry.get("label") for entry in survey.entries]
     notes += [note for note in class_name_findings(labels) if note.kind == "similar_classes"]
 
@@ -177,8 +182,24 @@ def propose_index(
         index=index,
         skipped=tuple(survey.skipped),
         facts=_describe_facts(survey.facts),
-        notes=tuple(dict.fromkeys(notes)),
+        notes=_merge_notes(notes),
     )
+
+
+def _merge_notes(notes: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return one note for many of one kind: the first, and how many more there are."""
+    groups: dict[str, list[Finding]] = {}
+    for note in dict.fromkeys(notes):
+        groups.setdefault(note.kind, []).append(note)
+
+    merged: list[Finding] = []
+    for group in groups.values():
+        if len(group) <= _MAX_NOTES_OF_KIND:
+            merged += group
+        else:
+            message = f"{group[0].message} ({len(group) - 1} more notes of this kind.)"
+            merged.append(replace(group[0], message=message))
+    return tuple(merged)
 
 
 def _checked_defaults(facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -330,6 +351,10 @@ class _Survey:
     def _add(self, name: str, raw: RawFile) -> None:
         """Add the entries of a file."""
         values, origins = self._collect_values(name, raw)
+        specimen = parse_header_specimen(raw)
+        if specimen and "specimen" not in values:
+            values["specimen"] = plain_text(specimen)
+            origins["specimen"] = "the file"
         bare_pressures = pressures_without_unit(values)
         for key in bare_pressures:
             if self.pressure_unit is not None:

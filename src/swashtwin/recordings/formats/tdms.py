@@ -219,7 +219,14 @@ def _read_channels(path: Path, file: Any, options: ReadOptions) -> RawFile:
         raise DataError(
             f"{path} is damaged: its channels state {stated_size} bytes, it has {size}."
         )
-    attributes = {name: str(value) for name, value in file.properties.items()}
+    # What a group states is a fact of the file if no other group differs.
+    properties = {}
+    for name in {name: None for group in groups for name in group.properties}:
+        values = {str(group.properties.get(name)) for group in groups}
+        if len(values) == 1:
+            properties[name] = values.pop()
+    properties.update({name: str(value) for name, value in file.properties.items()})
+    attributes = properties
     if excluded:
         attributes["left_out"] = ", ".join(excluded)
     return replace(

@@ -36,7 +36,7 @@ def test_meta_files_of_a_phone_are_left_out_in_one_note(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("events.txt", "Zeit;Ereignis\n0,5;Start\n12,25;Ventil offen\n60,0;Stopp\n"),
+        ("events.txt", "Zeit;Ereignis\n0,5;Start\n12,25;Pumpe an\n60,0;Pumpe aus\n"),
         ("log/sensor_info.tsv", "key\tvalue\nvendor\tBosch\nrange\t16\nfirmware\tv2.1\n"),
         ("marks.csv", "1,2026-01-03,Pump on\n2,2026-01-03,Pump off\n3,2026-01-03,Pump on\n"),
     ],

@@ -78,7 +78,7 @@ _LIMIT_HEADING = re.compile(r"nominal|nenn|rated|set[ _-]?point|soll|max|limit",
 
 # Headings of the machine that was measured.
 _SPECIMEN_HEADING = re.compile(
-    r"(?:pr(?:ü|ue|u)fling|specimen|machine|maschine|pump|pumpe|dut|serial|seriennummer|sn)"
+    r"(?:prüfling|pruefling|prufling|specimen|machine|maschine|pumpe?|dut|serial|seriennummer|sn)"
     r"(?:[ _-]?(?:id|nr|no|number|name))?",
     re.IGNORECASE,
 )

@@ -144,8 +144,8 @@ def label_of_path(path: Path, stem: str, machine_folder: str | None, classes: Pa
 
 
 def _words_without_digits(text: str) -> list[str]:
-    words = re.split(r"[_\-\s.]+", text)
-    return [word for word in words if word and not re.search(r"\d", word)]
+    name_parts = re.split(r"[_\-\s.]+", text)
+    return [part for part in name_parts if part and not re.search(r"\d", part)]
 
 
 def number_notes(entries: Iterable[Mapping[str, Any]], classes: PathClasses) -> list[Finding]:

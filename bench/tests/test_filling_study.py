@@ -156,6 +156,15 @@ def test_windows_of_calibrated_twins_share_no_assembly() -> None:
         TrainingSet("law", assemblies=3)
 
 
+def test_settings_that_came_later_leave_the_keys_of_earlier_runs_alone() -> None:
+    # a finished run is found by a key that holds this description
+    earlier = {"source", "every_class", "class_weights", "filler"}
+    assert set(TrainingSet("nominal").describe({})) == earlier
+
+    everywhere = TrainingSet("nominal", every_pressure=True)
+    assert set(everywhere.describe({})) == {*earlier, "every_pressure"}
+
+
 # ---- who makes the windows
 
 

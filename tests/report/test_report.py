@@ -209,7 +209,19 @@ def test_a_calibration_that_identified_nothing_is_not_praised(calibration):
 
 def test_a_fit_of_few_lines_is_no_evidence(calibration):
     (fit,) = calibration.fits
-    four_lines = replace(fit.spectra, measured=fit.spectra.measured[:1, :4])
+    spectra = fit.spectra
+    four_lines = replace(
+        spectra,
+        channels=spectra.channels[:1],
+        orders=spectra.orders[:4],
+        frequency=spectra.frequency[:4],
+        measured=spectra.measured[:1, :4],
+        deviation=spectra.deviation[:1, :4],
+        nominal=spectra.nominal[:1, :4],
+        calibrated=spectra.calibrated[:1, :4],
+        low=spectra.low[:1, :4],
+        high=spectra.high[:1, :4],
+    )
     few_lines = replace(calibration, fits=(replace(fit, spectra=four_lines),))
     remark = "6 unknowns were fitted to 4 lines, so a small error is no evidence for the twin."
 

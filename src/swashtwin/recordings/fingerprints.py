@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import scipy
-from jaxtyping import Complex64, Float
+from jaxtyping import Complex, Float
 from scipy import fft
 
 from swashtwin.recordings.recording import Recording
@@ -140,7 +140,7 @@ def _whiten_band(
     return values
 
 
-def _burst_share(values: Complex64[np.ndarray, " time"]) -> float:
+def _burst_share(values: Complex[np.ndarray, " time"]) -> float:
     """Return the share of the energy of a band in values that are far above the median."""
     powers = values.real**2 + values.imag**2
     is_burst = powers > _MIN_BURST_RATIO**2 * np.median(powers)

@@ -38,7 +38,7 @@ from swashtwin.monitoring.alarms.suspect_severity import SeverityRequest
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.page.watch_page import build_watch_page
 from swashtwin.monitoring.service import severities
-from swashtwin.monitoring.service.alarm_messages import AlarmPoster
+from swashtwin.monitoring.service.alarm_messages import AlarmPoster, Occasion
 from swashtwin.recordings import Recording, write_recording
 
 POINT = OperatingPoint(157.08, None)
@@ -247,7 +247,8 @@ def test_a_message_dates_what_another_recording_showed(tmp_path: Path) -> None:
     with history.machine("pump-1") as transaction:
         transaction.add_recording(newest)
         alarm = transaction.open_alarm("pump", newest.point, newest.time, facts, newest.id)
-        AlarmPoster(config).post(transaction, "measured", alarm, newest, ())
+        occasion = Occasion(newest.time, newest.received, newest.content)
+        AlarmPoster(config).post(transaction, "measured", alarm, occasion, ())
 
     (message,) = history.outbox.claim(["log"])
     assert message.body["reasons"] == [

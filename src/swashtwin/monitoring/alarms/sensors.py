@@ -272,7 +272,7 @@ class _ChannelChanges:
 
         def signal_part(
             values: Float64[np.ndarray, " band"],
-        ) -> Float64[np.ndarray, "channel band"]:
+        ) -> Float64[np.ndarray, "channel signal_band"]:
             return values.reshape(n_channels, 2, -1)[:, 0]
 
         change = signal_part(band_powers - baseline.median)

@@ -113,7 +113,7 @@ class HistoryReader:
         return [
             MachineOverview(
                 name=name,
-                recordings=int(counts.get(name, 0)),
+                recordings=counts.get(name, 0),
                 last=newest_recording,
                 alarms=tuple(alarms[name]),
                 silenced=silence_ends.get(name),
@@ -322,7 +322,8 @@ class HistoryReader:
 
 def _recording_counts(session: Session) -> dict[str, int]:
     query = select(Tally.machine, func.sum(Tally.recordings)).group_by(Tally.machine)
-    return dict(session.execute(query).all())
+    # The sum of integers is a decimal number in PostgreSQL.
+    return {machine: int(count) for machine, count in session.execute(query)}
 
 
 def _silence_ends(session: Session) -> dict[str, datetime]:

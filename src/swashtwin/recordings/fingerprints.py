@@ -151,7 +151,7 @@ def _count_values(fingerprint: str) -> int:
     return int(fingerprint.split(".")[1])
 
 
-def _decode_signs(fingerprint: str) -> Complex64[np.ndarray, "band time"]:
+def _decode_signs(fingerprint: str) -> Complex[np.ndarray, "band time"]:
     """Return the values of a fingerprint, of magnitude 1; zeros in bands that it does not have."""
     flags, length, bits = fingerprint[len(FINGERPRINT_MARK) :].split(".")
     has_band = np.repeat([flag == "1" for flag in flags], 2)
@@ -254,7 +254,7 @@ def _similar_pairs(fingerprints: Sequence[Sequence[str]]) -> Iterator[tuple[int,
     yield from zip(*np.nonzero(np.tril(is_similar, -1)), strict=True)
 
 
-def _power_spectrum(signs: Complex64[np.ndarray, "band time"], size: int) -> np.ndarray:
+def _power_spectrum(signs: Complex[np.ndarray, "band time"], size: int) -> np.ndarray:
     """Return the deviations of the power spectra of two bands from their mean, of norm 1."""
     # Above the band there is only what the signs added.
     spectrum = fft.fft(signs, size)[:, : size * _BAND_WIDTH_HZ // _VALUES_PER_S]
@@ -266,7 +266,7 @@ def _power_spectrum(signs: Complex64[np.ndarray, "band time"], size: int) -> np.
 
 def _listed_blocks(
     listed: Mapping[str, Sequence[str]],
-) -> Iterator[tuple[list[str], Complex64[np.ndarray, "channel band time"]]]:
+) -> Iterator[tuple[list[str], Complex[np.ndarray, "channel band time"]]]:
     """Yield blocks of listed fingerprints of one length, with the id of each."""
     by_length: dict[int, list[tuple[str, str]]] = {}
     for name, fingerprints in listed.items():
@@ -281,7 +281,7 @@ def _listed_blocks(
 
 
 def _agreements(
-    listed: Complex64[np.ndarray, "channel band time"], candidates: Sequence[np.ndarray]
+    listed: Complex[np.ndarray, "channel band time"], candidates: Sequence[np.ndarray]
 ) -> Iterator[Float[np.ndarray, " channel"]]:
     """Yield the greatest correlation of each candidate with each listed channel.
 

@@ -381,7 +381,7 @@ def test_recordings_are_identified_by_content_and_not_by_file_name(classifier, s
     assert answer["recordings"] == ["normal 0", "piston 0"]
 
     refused = run("evaluate", saved, tmp_path / "same" / "index.toml", code=3)
-    assert "All 2 recordings had a part in the model" in one_line(refused)
+    assert "2 that the model was trained on (renamed 0: normal 0)" in one_line(refused)
 
     (copied,) = run_json("diagnose", saved, tmp_path / "same" / "renamed 0.h5")["diagnoses"]
     assert "under the name normal 0; the answer proves nothing" in copied["notes"][0]

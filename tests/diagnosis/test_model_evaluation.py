@@ -87,13 +87,31 @@ def test_nothing_is_excluded_if_all_recordings_can_be_scored(classifier: FaultCl
 @pytest.mark.parametrize(
     ("recordings", "reason"),
     [
-        pytest.param([recording("open", None)], r"1 no class \(open\)", id="no class"),
+        pytest.param([recording("open", None)], r"1 without a class \(open\)", id="no class"),
         pytest.param(
             [recording("a", "swash_plate"), TRAINING[0]],
-            r"1 in training \(normal 0\); 1 untrained class \(a: swash_plate\)",
+            r"1 that the model was trained on \(normal 0\); 1 of classes that the model was not "
+            r"trained on \(a: swash_plate\)\. Test on recordings that the model was not trained on",
             id="other class and training",
         ),
-        pytest.param([dead_recording("d")], r"1 unusable \(d: d, x: every sample", id="dead"),
+        pytest.param(
+            [recording("s", synthetic=True), recording("t", "piston", synthetic=True)],
+            r"2 made by a model \(s\)\.$",
+            id="synthetic",
+        ),
+        pytest.param(
+            [*TRAINING[:3], recording("s", synthetic=True)],
+            r"1 made by a model \(s\); 3 that the model was trained on \(normal 0\)\. Test on",
+            id="synthetic and training",
+        ),
+        pytest.param(
+            [TRAINING[5].replace(recording_id="copy")],
+            r"1 that the model was trained on \(copy: piston 1\)\. Test on",
+            id="training",
+        ),
+        pytest.param(
+            [dead_recording("d")], r"1 that cannot be used \(d: d, x: every sample", id="dead"
+        ),
     ],
 )
 def test_an_evaluation_of_no_recording_states_what_was_excluded(

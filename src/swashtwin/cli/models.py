@@ -97,23 +97,13 @@ def evaluate(
     print_result({**result, "report": page}, as_json, show)
 
 
-# What is printed of excluded recordings after their number, by reason.
-_EXCLUSIONS = {
-    "synthetic": "made by a model",
-    "in training": "that the model was trained on",
-    "no class": "without a class",
-    "untrained class": "of classes that the model was not trained on",
-    "unusable": "that cannot be used",
-}
-
-
 def _print_exclusion(exclusion: "Exclusion") -> None:
     """Print which recordings were not scored for one reason."""
     from swashtwin.recordings import describe_copies, join_names
 
     recordings = exclusion.recordings
     count = plural(len(recordings), "recording")
-    line = f"excluded: {count} {_EXCLUSIONS[exclusion.reason]}"
+    line = f"excluded: {count} {exclusion.description}"
     if exclusion.reason == "untrained class":
         line += f", {', '.join(map(format_label, sorted(set(recordings.values()))))}"
     print_note(f"{line} ({join_names(list(recordings))}).")
@@ -132,9 +122,7 @@ def _print_exclusion(exclusion: "Exclusion") -> None:
 
 def _count_excluded(excluded: "Sequence[Exclusion]") -> dict[str, str]:
     """Return the fact of a page on what was not scored; empty if all recordings were."""
-    counts = [
-        f"{len(exclusion.recordings)} {_EXCLUSIONS[exclusion.reason]}" for exclusion in excluded
-    ]
+    counts = [f"{len(exclusion.recordings)} {exclusion.description}" for exclusion in excluded]
     return {"Not scored": "; ".join(counts)} if counts else {}
 
 

@@ -14,7 +14,16 @@ from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.recording_arguments import require_layout
 from swashtwin.foundation import DataError, InputError, to_table
 from swashtwin.learning import ConfidenceScores, Scores, WindowLayout, WindowSet
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, build_manifest, find_copies
+
+# What follows the number of excluded recordings in a sentence, by reason.
+_DESCRIPTIONS = {
+    "synthetic": "made by a model",
+    "in training": "that the model was trained on",
+    "no class": "without a class",
+    "untrained class": "of classes that the model was not trained on",
+    "unusable": "that cannot be used",
+}
 
 
 @dataclass(frozen=True)
@@ -26,6 +35,11 @@ class Exclusion:
     ``"unusable"``."""
     recordings: Mapping[str, str]
     """By id: the name in the training, the class, or why it is unusable; else empty."""
+
+    @property
+    def description(self) -> str:
+        """The reason in words that follow a number of recordings, such as ``"without a class"``."""
+        return _DESCRIPTIONS[self.reason]
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON can hold."""
@@ -87,7 +101,8 @@ def _partition_by_facts(
     model: FaultClassifier | AnomalyDetector | PriorClassifier, recordings: Sequence[Recording]
 ) -> tuple[list[Recording], list[Exclusion]]:
     """Return the recordings to score by their facts alone, and the others by reason."""
-    _, in_training = learning.unseen_recordings(model.manifest, recordings)
+    measured = [recording for recording in recordings if not recording.synthetic]
+    in_training = find_copies(model.manifest, build_manifest(measured))
     synthetic: dict[str, str] = {}
     without_class: dict[str, str] = {}
     of_untrained_class: dict[str, str] = {}
@@ -152,5 +167,9 @@ def _describe_nothing_to_score(excluded: Sequence[Exclusion]) -> str:
     for exclusion in excluded:
         name, detail = next(iter(exclusion.recordings.items()))
         example = f"{name}: {detail}" if detail and detail != name else name
-        parts.append(f"{len(exclusion.recordings)} {exclusion.reason} ({example})")
-    return f"No recording can be scored. Excluded: {'; '.join(parts)}."
+        parts.append(f"{len(exclusion.recordings)} {exclusion.description} ({example})")
+
+    text = f"No recording can be scored. Excluded: {'; '.join(parts)}."
+    if any(exclusion.reason == "in training" for exclusion in excluded):
+        text += " Test on recordings that the model was not trained on."
+    return text

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from swashtwin.recordings import propose_index
+from swashtwin.recordings import class_name_findings, propose_index
 from swashtwin.recordings.proposal import IndexProposal
 
 CASES = Path(__file__).parent / "cases"
@@ -75,6 +75,28 @@ def test_classes_that_differ_in_case_only_are_said() -> None:
     messages = [note.message for note in proposal.notes if note.kind == "similar_classes"]
     assert len(messages) == 2
     assert "'Fault' and 'fault' differ in case" in messages[0]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "are_similar"),
+    [
+        ("1.0mm", "10mm", False),
+        ("-1 mm", "1 mm", False),
+        ("0.1_mm", "01mm", False),
+        ("wear <1mm", "wear >1mm", False),
+        ("level 1 2", "level 12", False),
+        ("wear_-5", "wear_5", False),
+        ("1,5 mm", "1.5mm", True),
+        ("wear-1", "Wear 1", True),
+        ("\N{MINUS SIGN}1 mm", "-1mm", True),
+        ("Valve-Plate", "valveplate", True),
+        ("5X_B", "5x b", True),
+    ],
+)
+def test_classes_of_other_sizes_are_not_similar(first: str, second: str, are_similar: bool) -> None:
+    kinds = [finding.kind for finding in class_name_findings([first, second])]
+
+    assert ("similar_classes" in kinds) is are_similar
 
 
 def test_codes_in_names_that_may_be_machines_are_listed(tmp_path: Path) -> None:

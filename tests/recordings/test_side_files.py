@@ -30,7 +30,7 @@ def test_meta_files_of_a_phone_are_left_out_in_one_note(tmp_path: Path) -> None:
 
     assert [entry["file"] for entry in proposal.index["recording"]] == ["Raw Data.csv"]
     (finding,) = proposal.skipped
-    assert finding.message.startswith("meta/device.csv, meta/time.csv: words and few numbers")
+    assert finding.message.startswith("meta/device.csv, meta/time.csv: text and few numbers")
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_event_logs_and_descriptions_are_left_out(tmp_path: Path, name: str, tex
 
     assert [entry["file"] for entry in proposal.index["recording"]] == ["normal_1.csv"]
     (finding,) = proposal.skipped
-    assert finding.message.startswith(f"{name}: words and few numbers")
+    assert finding.message.startswith(f"{name}: text and few numbers")
 
 
 def test_a_short_recording_with_a_column_of_words_is_not_left_out(tmp_path: Path) -> None:

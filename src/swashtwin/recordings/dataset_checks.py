@@ -24,6 +24,11 @@ _MAX_LENGTH_RATIO = 3.0
 # Copies of one measurement that a message lists.
 _MAX_LISTED_COPIES = 6
 
+# A hyphen behind a word or number separates, others are signs.
+_NUMBER_OR_WORD = re.compile(
+    r"(?P<number>(?:(?<![^\W_])[+\-\N{MINUS SIGN}]|[<>≤≥])?\d+(?:[.,]\d+)?)|[^\W\d_]+"
+)
+
 _Key = TypeVar("_Key", bound=Hashable)
 
 
@@ -168,7 +173,7 @@ def level_findings(
 
 def class_name_findings(labels: Iterable[str | None]) -> Iterator[Finding]:
     """Yield classes whose names differ in spelling only, and several that are healthy by name."""
-    spellings: dict[str, list[str]] = {}
+    spellings: dict[tuple[str, ...], list[str]] = {}
     for label in sorted({label for label in labels if label}):
         spellings.setdefault(_plain_spelling(label), []).append(label)
 
@@ -179,8 +184,8 @@ def class_name_findings(labels: Iterable[str | None]) -> Iterator[Finding]:
                 "separators only; are they one class?"
             )
             remedy = (
-                "If so, write one label for all of them in the index, and leave the others out of "
-                "its classes."
+                "If so, give their recordings one label in the index, and remove the other names "
+                "from its classes."
             )
             yield Finding("similar_classes", "warning", None, message, remedy)
 
@@ -194,10 +199,20 @@ def class_name_findings(labels: Iterable[str | None]) -> Iterator[Finding]:
         yield Finding("several_healthy", "note", None, message)
 
 
-def _plain_spelling(label: str) -> str:
-    """Return a label without what people write differently: case, separators, umlauts."""
+def _plain_spelling(label: str) -> tuple[str, ...]:
+    """Return the words and numbers of a label without case, separators and umlauts.
+
+    Numbers keep their sign and decimals: 1.0 mm is not 10 mm, and -1 mm is not 1 mm.
+    """
     text = unicodedata.normalize("NFKD", label.casefold()).replace("\N{COMBINING DIAERESIS}", "e")
-    return re.sub(r"[\W_]+", "", text)
+    parts: list[str] = []
+    for match in _NUMBER_OR_WORD.finditer(text):
+        is_number = match["number"] is not None
+        if not is_number and parts and parts[-1][-1].isalpha():
+            parts[-1] += match[0]  # valve_plate is valveplate
+        else:
+            parts.append(match[0].replace(",", ".").replace("\N{MINUS SIGN}", "-"))
+    return tuple(parts)
 
 
 def class_size_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:

@@ -334,8 +334,8 @@ class _Survey:
                 side_files.append(name)
         if side_files:
             self._skip(
-                f"{join_names(side_files, _MAX_LISTED_VALUES)}: words and few numbers, as event "
-                "logs and descriptions of a device have."
+                f"{join_names(side_files, _MAX_LISTED_VALUES)}: text and few numbers, such as an "
+                "event log or a device description."
             )
         return [name for name in names if name not in side_files]
 

@@ -299,3 +299,58 @@ def test_a_file_of_states_only_is_read(tmp_path: Path) -> None:
     path = write_table(tmp_path / "a.csv", {"value": np.arange(N_SAMPLES) // 300})
 
     assert load_recording(path, unit="1", sample_rate=RATE).channels == ("value",)
+
+
+# ---- units of voltages and other quantities
+
+SENSITIVITY = "100 mV/g"
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "channels"),
+    [
+        (("CH1", "CH2", "oil temp"), {"sensitivity": SENSITIVITY, "unit": "V"}, ("CH1", "CH2")),
+        (("ai0", "Druck", "Drehzahl"), {"sensitivity": SENSITIVITY, "unit": "mV"}, ("ai0",)),
+        (("DE [V]", "tacho [V]", "p [V]"), {"sensitivity": SENSITIVITY}, ("DE", "p")),
+        (("CH1", "velocity", "Drehzahl"), {"sensitivity": "10 mV/(mm/s)", "unit": "V"}, None),
+        (("CH1", "CH2", "Öltemperatur"), {"unit": "mm/s"}, ("CH1", "CH2")),
+        (("vel_x", "vib_y", "accel"), {"unit": "mm/s"}, ("vel_x", "vib_y")),
+        (("CH1", "displacement", "velocity"), {"unit": "um"}, ("CH1", "displacement")),
+        (("p1", "Druck 2", "oil temp"), {"unit": "bar"}, ("p1", "Druck 2")),
+        (("acc_x", "CH2", "battery"), {"unit": "mV"}, ("acc_x", "CH2")),
+        (("load",), {"unit": "kN"}, ("load",)),
+        (("accel", "T (°C)"), {"unit": "mm/s"}, ("accel",)),
+    ],
+)
+def test_a_unit_goes_to_no_column_of_another_quantity(
+    names: tuple[str, ...],
+    options: dict[str, str],
+    channels: tuple[str, ...] | None,
+    tmp_path: Path,
+) -> None:
+    columns = {"time_s": TIME_S} | dict(zip(names, NOISE, strict=False))
+
+    recording = load_recording(write_table(tmp_path / "a.csv", columns), **options)
+
+    expected = names[:-1] if channels is None else channels
+    assert recording.channels == expected
+    assert ("other_columns" in recording.attributes) == (len(expected) < len(names))
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "unit"),
+    [
+        (("oil temp", "Druck"), {"sensitivity": SENSITIVITY, "unit": "V"}, "g"),
+        (("oil temp",), {"sensitivity": SENSITIVITY}, "g"),
+        (("Drehzahl", "battery"), {"unit": "mm/s"}, "mm/s"),
+        (("oil temp",), {"unit": "bar"}, "bar"),
+    ],
+)
+def test_a_file_of_other_quantities_only_gets_no_other_unit(
+    names: tuple[str, ...], options: dict[str, str], unit: str, tmp_path: Path
+) -> None:
+    columns = {"time_s": TIME_S} | dict(zip(names, NOISE, strict=False))
+    path = write_table(tmp_path / "a.csv", columns)
+
+    with pytest.raises(DataError, match=f"holds no column that may be in {unit}: {names[0]}"):
+        load_recording(path, **options)

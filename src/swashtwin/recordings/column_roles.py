@@ -25,8 +25,11 @@ from swashtwin.recordings.formats.column_names import (
     unknown_unit,
 )
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
-from swashtwin.recordings.formats.sample_units import acceleration_factor, normalize_unit
-from swashtwin.recordings.scaling import SENSED_UNIT
+from swashtwin.recordings.formats.sample_units import (
+    acceleration_factor,
+    has_dimension,
+)
+from swashtwin.recordings.scaling import SENSED_UNIT, unit_after_scaling
 
 EXCLUDED_COLUMNS = {
     "other_columns": "columns of other quantities than vibration",
@@ -49,12 +52,15 @@ _SAMPLES_PER_CHANGE = 20
 # Letters before an axis that stand for another sensor beside accelerations, as in gx or mx.
 _OTHER_AXES = {"g": "gyroscope?", "m": "magnetometer?", "w": "rotation?"}
 
+# What a sensor of vibration measures.
+_VIBRATING = (Quantity.vibration, Quantity.motion)
+
 # Number of a recording that a file holds after others.
 _PART_NUMBER = re.compile(r" \[\d+\]$")
 
 
 class NoVibrationError(DataError):
-    """A file holds other quantities only, and a unit of acceleration is specified."""
+    """A file holds other quantities only than the one whose unit is specified."""
 
 
 class RoleKind(Enum):
@@ -88,7 +94,7 @@ def vibration_columns(raw: RawFile, options: ReadOptions, source_name: str) -> l
     Raises
     ------
     NoVibrationError
-        A unit of acceleration is specified, and all columns are of other quantities.
+        A unit or a sensitivity is specified, and all columns are of other quantities.
     DataError
         A unit of acceleration is specified, and which columns it is for cannot be decided.
     """
@@ -100,10 +106,9 @@ def vibration_columns(raw: RawFile, options: ReadOptions, source_name: str) -> l
     for name, role in roles.items():
         names_by_kind[role.kind].append(name)
 
-    unit = None if options.unit is None else normalize_unit(options.unit)
-    if unit is not None and unit != "1" and acceleration_factor(unit) is None:
-        selected = [name for name in roles if _may_have_unit(raw, name, roles[name], unit)]
-        return selected or list(roles)
+    unit = unit_after_scaling(raw, options, source_name)
+    if unit not in (None, "1") and acceleration_factor(unit) is None:
+        return _columns_in_unit(raw, roles, unit, source_name)
 
     is_scaled = options.sensitivity is not None or bool(raw.sensitivities)
     if not (is_scaled or unit is not None or names_by_kind[RoleKind.vibration]):
@@ -117,15 +122,8 @@ def vibration_columns(raw: RawFile, options: ReadOptions, source_name: str) -> l
         _require_one_reading(roles, source_name)
         channel_kinds.add(RoleKind.doubtful)
     selected = [name for name, role in roles.items() if role.kind in channel_kinds]
-    if not selected:
-        selected = list(raw.units)  # these contradict the specified unit, which is reported
     if not selected and unit not in (None, "1"):
-        listed = join_names([_with_reason(name, role) for name, role in roles.items()], 9)
-        raise NoVibrationError(
-            f"{source_name} holds no column that may be in {unit}: {listed}.",
-            field="channels",
-            remedy="If one is a vibration all the same, select it with {channels}.",
-        )
+        return _require_contradiction(raw, roles, unit, source_name)
     return selected or list(roles)
 
 
@@ -213,7 +211,11 @@ def _role_by_unit(raw: RawFile, options: ReadOptions, name: str) -> Role | None:
     if unit != "1" and acceleration_factor(unit) is not None:
         return Role(RoleKind.vibration, f"in {unit}")
     if is_sensed and SENSED_UNIT.fullmatch(unit):
-        return Role(RoleKind.vibration, f"in {unit}")
+        # One sensitivity for all columns does not make a vibration of the volts of a temperature.
+        meaning = None if name in raw.sensitivities else _meaning_of(name)
+        if meaning is None or meaning.quantity is not Quantity.other:
+            return Role(RoleKind.vibration, f"in {unit}")
+        return Role(RoleKind.other, meaning.reason)
     if unit == "1":
         return None
     return Role(RoleKind.other, f"in {unit}")
@@ -229,6 +231,10 @@ def _role_by_foreign_unit(raw: RawFile, name: str) -> Role | None:
     if is_for_all and meaning_of_unit(unit) is None:
         return None
     return Role(RoleKind.other, f"in {unit}")
+
+
+def _meaning_of(full_name: str) -> Meaning | None:
+    return meaning_of_name(_PART_NUMBER.sub("", full_name))
 
 
 def _role_by_name(raw: RawFile, full_name: str) -> Role | None:
@@ -259,13 +265,81 @@ def _role_of_meaning(meaning: Meaning, column: Column) -> Role | None:
     return Role(RoleKind.other, meaning.reason)
 
 
+# ---- units of other quantities than acceleration
+
+
+def _columns_in_unit(
+    raw: RawFile, roles: Mapping[str, Role], unit: str, source_name: str
+) -> list[str]:
+    """Return the columns that may be in a unit of another quantity than acceleration.
+
+    Columns whose names say that quantity, or none, come first. If there are none, the specified
+    unit decides what those columns are whose names contradict it least.
+    """
+    selected = [name for name, role in roles.items() if _may_have_unit(raw, name, role, unit)]
+    if not selected:
+        selected = [name for name, role in roles.items() if _is_unit_open(raw, name, role, unit)]
+    return selected or _require_contradiction(raw, roles, unit, source_name)
+
+
 def _may_have_unit(raw: RawFile, name: str, role: Role, unit: str) -> bool:
-    """Return whether a column may be in a unit of another quantity than acceleration."""
-    if role.kind is RoleKind.state:
+    """Return whether nothing says that a column is in another unit, or of another quantity."""
+    unit_in_file = raw.units.get(name, "")
+    is_scaled = role.kind is RoleKind.vibration and SENSED_UNIT.fullmatch(unit_in_file) is not None
+    if unit_in_file == unit or is_scaled:
+        return True
+    if not _is_without_unit(raw, name, role):
         return False
-    if name in raw.units:
-        return raw.units[name] in (unit, "1")
-    return name not in raw.foreign_units and not role.reason.startswith("in ")
+
+    meaning = _meaning_of(name)
+    if meaning is None or meaning.quantity is Quantity.electric:
+        return True
+    if meaning.quantity in _VIBRATING and SENSED_UNIT.fullmatch(unit):
+        return True
+    if meaning.dimension:
+        return has_dimension(unit, meaning.dimension)
+    return meaning.quantity is Quantity.vibration
+
+
+def _is_unit_open(raw: RawFile, name: str, role: Role, unit: str) -> bool:
+    """Return whether a name leaves its unit open, as "load" does, or a unit may be that of any.
+
+    Any quantity may be recorded in volts, and what is called an acceleration may be its integral.
+    """
+    if not _is_without_unit(raw, name, role):
+        return False
+
+    meaning = _meaning_of(name)
+    is_motion = has_dimension(unit, "m/s") or has_dimension(unit, "m")
+    if meaning is None or SENSED_UNIT.fullmatch(unit) or meaning.quantity is Quantity.vibration:
+        return True
+    return meaning.quantity is Quantity.other and not (meaning.dimension or is_motion)
+
+
+def _is_without_unit(raw: RawFile, name: str, role: Role) -> bool:
+    is_stated = name in raw.foreign_units or role.reason.startswith("in ")
+    return not is_stated and role.kind is not RoleKind.state
+
+
+def _require_contradiction(
+    raw: RawFile, roles: Mapping[str, Role], unit: str, source_name: str
+) -> list[str]:
+    """Return the columns with a unit, which contradicts the specified one and is reported then.
+
+    Raises
+    ------
+    NoVibrationError
+        No column has a unit: the names say that all are of other quantities.
+    """
+    if raw.units:
+        return list(raw.units)
+
+    listed = join_names([_with_reason(name, role) for name, role in roles.items()], 9)
+    raise NoVibrationError(
+        f"{source_name} holds no column that may be in {unit}: {listed}.",
+        field="channels",
+        remedy="If one is a vibration all the same, select it with {channels}.",
+    )
 
 
 # ---- states

@@ -88,6 +88,28 @@ def _is_sample_unit(unit: str) -> bool:
     return True
 
 
+def unit_after_scaling(raw: RawFile, options: ReadOptions, source_name: str) -> str | None:
+    """Return the unit of the scaled numbers: of the sensitivity, else the specified one, or None.
+
+    The first sensitivity decides, for the channels of a recording have one unit. A volt is not
+    the unit of the result if the file states a sensitivity, even if that is incomplete.
+    """
+    if options.sensitivity is not None:
+        texts = (
+            [options.sensitivity] if isinstance(options.sensitivity, str) else options.sensitivity
+        )
+        quantity = texts[0].rpartition("=")[2]
+        return _Sensitivity.parse(quantity, source_name).unit
+
+    unit = None if options.unit is None else normalize_unit(options.unit)
+    if not raw.sensitivities or (unit is not None and not SENSED_UNIT.fullmatch(unit)):
+        return unit
+    try:
+        return _Sensitivity.parse(next(iter(raw.sensitivities.values())), source_name).unit
+    except UnitError:
+        return None
+
+
 def resolve_scaling(
     raw: RawFile, options: ReadOptions, channels: Sequence[str], source_name: str
 ) -> tuple[list[float], str]:

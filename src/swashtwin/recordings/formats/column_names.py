@@ -1,6 +1,6 @@
 """What the name and the unit of a column say about its quantity, in English and German.
 
-The one place that knows such name_words: readers, clocks and the selection of channels ask it.
+The one place that knows such words: readers, clocks and the selection of channels ask it.
 """
 
 import re
@@ -35,7 +35,7 @@ class Meaning(NamedTuple):
     reason: str
     """Words for a message, such as ``in dBm``."""
     dimension: str = ""
-    """SI unit of another quantity, if it is one that sensors of a pump measure."""
+    """SI unit of the quantity, if the name leaves no doubt about it."""
 
 
 class TimeName(NamedTuple):
@@ -210,7 +210,7 @@ _ROTATION = (
 _MAGNETIC = r"mag[xyz]?|magn|magnet\w*|compass|kompass|bfield"
 _PLACE = r"gps|lat|latitude|lon|lng|long|longitude|breite|breitengrad|längengrad|alt|altitude|höhe"
 
-# Words of other quantities, the SI unit of those that sensors of a pump measure, and what they are.
+# Words of other quantities, the SI unit of those that have one, and what they are.
 _OTHER_WORDS: tuple[tuple[str, str, str], ...] = (
     (r"temp|tmp|\w*temperatur\w*|öltemp|thermo\w*", "K", "a temperature"),
     (r"\w*pressure|\w*druck|press|baro\w*|p_?abs", "Pa", "a pressure"),
@@ -223,7 +223,7 @@ _OTHER_WORDS: tuple[tuple[str, str, str], ...] = (
     (r"loads?|last|weight|gewicht|power|leistung", "", "a load"),
     (r"\w*batter\w*|batt?|vbat|akku\w*|soc|charge|ladung|supply|versorgung", "", "a battery"),
     (_PLACE, "", "a place"),
-    (_SOUND, "", "sound"),
+    (_SOUND, "Pa", "sound"),
     (_ROTATION, "", "a rotation"),
     (_MAGNETIC, "", "a magnetic field"),
     (r"humidity|\w*feuchte|light|licht|lux|illuminance|helligkeit|co2|gas", "", "the air or light"),
@@ -231,7 +231,7 @@ _OTHER_WORDS: tuple[tuple[str, str, str], ...] = (
     (r"strain|dehnung|viscosity|viskosität|density|dichte|level|füllstand", "", "another quantity"),
     (r"angle|winkel\w*|phase|phi|theta|encoder|turns?|\w*umdrehung(?:en)?|revolutions?|revs?|rev"
      r"|degrees?", "", "an angle"),
-    (r"distance|weg|strecke|position|depth|tiefe|hub|stroke|heading|course", "", "a position"),
+    (r"distance|weg|strecke|position|depth|tiefe|hub|stroke|heading|course", "m", "a position"),
     (r"set_?points?|\w*soll(?:wert)?|\w*vorgabe|demand|command|duty|pwm", "", "a set point"),
 )  # fmt: skip
 _OTHER_PATTERNS = tuple(
@@ -241,12 +241,24 @@ _OTHER_PATTERNS = tuple(
 # Words behind which the name of another quantity is that of a place: "load side", "Druckseite".
 _SIDE_WORDS = {"side", "seite", "end", "zone", "line", "plate", "port", "bearing", "lager"}
 
-_VIBRATION_WORD = re.compile(
-    r"acc[xyz]?|accel\w*|useracceleration|beschl|\w*beschleunigung\w*|vib|vibr\w*|schwing\w*|iepe"
-    r"|icp|piezo\w*|seismic|körperschall|gforce"
-)
-_MOTION_WORD = re.compile(
-    r"velocity|velo|vel|schwinggeschwindigkeit|schnelle|displacement|disp|auslenkung|geophone"
+# Words of vibrations, with the SI unit of those that have one.
+_VIBRATION_WORDS = (
+    (
+        Quantity.motion,
+        "m/s",
+        re.compile(r"velocity|velo|vel|schwinggeschwindigkeit|schnelle|geophone"),
+    ),
+    (Quantity.motion, "m", re.compile(r"displacement|disp|auslenkung")),
+    (
+        Quantity.vibration,
+        "m/s^2",
+        re.compile(r"acc[xyz]?|accel\w*|useracceleration|beschl|\w*beschleunigung\w*|gforce"),
+    ),
+    (
+        Quantity.vibration,
+        "",
+        re.compile(r"vib|vibr\w*|schwing\w*|iepe|icp|piezo\w*|seismic|körperschall"),
+    ),
 )
 _ANGULAR_WORD = re.compile(_ROTATION)
 _ELECTRIC_WORD = re.compile(r"voltage|spannung|volts?")
@@ -456,12 +468,9 @@ def _meaning_of_motion(heading: str, name_words: list[str]) -> Meaning | None:
         return Meaning(Quantity.vibration, "an axis of acceleration")
     if _has_word(name_words, _ANGULAR_WORD):
         return None
-    for quantity, pattern in (
-        (Quantity.motion, _MOTION_WORD),
-        (Quantity.vibration, _VIBRATION_WORD),
-    ):
+    for quantity, dimension, pattern in _VIBRATION_WORDS:
         if _has_word(name_words, pattern):
-            return Meaning(quantity, quantity.value)
+            return Meaning(quantity, quantity.value, dimension)
     return None
 
 

@@ -163,6 +163,21 @@ def acceleration_factor(unit: str) -> float | None:
         ) from cause
 
 
+def has_dimension(unit: str, si_unit: str) -> bool:
+    """Return whether a unit is one of the quantity that `si_unit` is for.
+
+    Examples
+    --------
+    >>> has_dimension("mm/s", "m/s"), has_dimension("degC", "K"), has_dimension("mm", "m/s")
+    (True, True, False)
+    """
+    try:
+        parse_quantity(f"1 {normalize_unit(unit)}", si_unit)
+    except UnitError:
+        return False
+    return True
+
+
 def recognize_unit(text: object) -> str | None:
     """Return the unit that a file names, or None if the text is not a unit."""
     unit = normalize_unit(str(text))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import soundfile
-from explored import open_explorer
+from explored import open_explorer, read_workspace
 from plant import Plant
 from starlette.testclient import TestClient
 
@@ -184,3 +184,34 @@ def test_a_pyramid_knows_nothing_before_it_is_read_and_everything_afterwards() -
     assert extremes.shape == (2, 2, 2)
     np.testing.assert_allclose(extremes[:, 1, 1], signal[:, 2 * BIN :].max(axis=1), rtol=1e-7)
     np.testing.assert_allclose(pyramid.rms(1)[:, 0], signal.std(axis=1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("missing", "n_hidden"),
+    [(slice(0, 1), 0), (slice(None, None, 2), 0), (slice(5000, 5200), 2)],
+    ids=["one", "every other one", "two whole parts"],
+)
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_missing_samples_hide_no_root_mean_square(
+    missing: slice, n_hidden: int, value: float
+) -> None:
+    complete = 100 + np.random.default_rng(0).normal(size=(2, 10_000))
+    signal = complete.copy()
+    signal[0, missing] = value
+    pyramid = Pyramid(Recording(signal, 1000.0, "gap", channels=("x", "y")))
+    pyramid.wait()
+
+    present = signal[0, np.isfinite(signal[0])]
+    np.testing.assert_allclose(pyramid.rms(1)[:, 0], [present.std(), complete[1].std()])
+    # a part without any sample has no value
+    assert np.isnan(pyramid.rms()).sum(axis=1).tolist() == [n_hidden, 0]
+
+
+def test_a_channel_without_samples_hides_no_other_one(tmp_path: Path) -> None:
+    signal = np.random.default_rng(0).normal(size=(2, 10_000))
+    signal[0] = np.nan
+    recording = Recording(signal, 1000.0, "dead", channels=("x", "y"))
+    workspace = read_workspace(write_recording(recording, tmp_path / "dead.h5"))
+
+    (row,) = workspace.rows.values()
+    assert np.mean(row.rms) == pytest.approx(1, rel=0.05)

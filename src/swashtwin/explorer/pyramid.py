@@ -3,7 +3,7 @@
 import threading
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int
+from jaxtyping import Bool, Float32, Float64, Int
 
 from swashtwin.foundation import SwashTwinError
 from swashtwin.recordings import BLOCK_SAMPLES, Recording
@@ -35,7 +35,7 @@ class Pyramid:
 
         n_parts = min(RMS_PARTS, recording.n_samples)
         self._edges = np.linspace(0, recording.n_samples, n_parts + 1).astype(int)
-        self._counts = np.zeros(n_parts)
+        self._counts = np.zeros((recording.n_channels, n_parts))
         self._sums = np.zeros((recording.n_channels, n_parts))
         self._squares = np.zeros((recording.n_channels, n_parts))
         self._offset: Float64[np.ndarray, "channel 1"] | None = None
@@ -81,15 +81,18 @@ class Pyramid:
         bins = slice(start // BIN, -(-stop // BIN))
         self._extremes[:, bins] = merge_bins(np.stack([signal, signal], axis=-1), BIN)
 
-        # Squares of a small deviation from a large mean would cancel.
+        # Missing and infinite samples count nowhere: one would hide the values of its whole part.
+        is_present = np.isfinite(signal)
         if self._offset is None:
-            self._offset = signal.mean(axis=1, keepdims=True)
-        deviation = signal - self._offset
+            self._offset = _mean_of_present(signal, is_present)
+
+        # Squares of a small deviation from a large mean would cancel.
+        deviation = np.where(is_present, signal - self._offset, 0.0)
         first_part = int(np.searchsorted(self._edges, start, side="right")) - 1
         end_part = int(np.searchsorted(self._edges, stop))
         parts = slice(first_part, end_part)
         starts = np.maximum(self._edges[parts], start) - start
-        self._counts[parts] += np.diff(starts, append=stop - start)
+        self._counts[:, parts] += np.add.reduceat(is_present, starts, axis=1, dtype=np.float64)
         self._sums[:, parts] += np.add.reduceat(deviation, starts, axis=1)
         self._squares[:, parts] += np.add.reduceat(deviation**2, starts, axis=1)
         self._n_read += stop - start
@@ -120,15 +123,24 @@ class Pyramid:
     def rms(self, count: int = RMS_PARTS) -> Float64[np.ndarray, "channel part"]:
         """Return the root mean square of each channel, without its mean, in equal parts.
 
-        It is that of the samples that were read, and NaN if none of a part was.
+        It is that of the samples that were read and are not missing, and NaN if a part has none.
         """
-        n_parts = len(self._counts)
+        n_parts = self._counts.shape[1]
         starts = np.linspace(0, n_parts, min(count, n_parts), endpoint=False).astype(int)
-        counts = np.add.reduceat(self._counts, starts)
+        counts = np.add.reduceat(self._counts, starts, axis=1)
         counts[counts == 0] = np.nan
         mean = np.add.reduceat(self._sums, starts, axis=1) / counts
         power = np.add.reduceat(self._squares, starts, axis=1) / counts - mean**2
         return np.asarray(np.sqrt(np.maximum(power, 0)))
+
+
+def _mean_of_present(
+    signal: Float64[np.ndarray, "channel time"], is_present: Bool[np.ndarray, "channel time"]
+) -> Float64[np.ndarray, "channel 1"]:
+    """Return the mean of the samples of each channel that are present, 0 if there are none."""
+    total = np.sum(signal, axis=1, keepdims=True, where=is_present)
+    count = np.count_nonzero(is_present, axis=1, keepdims=True)
+    return np.asarray(total / np.maximum(count, 1))
 
 
 def spread_order(count: int) -> Int[np.ndarray, " number"]:

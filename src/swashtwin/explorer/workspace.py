@@ -498,6 +498,11 @@ def _file_size(row: Row) -> int:
 def _sparkline(pyramid: Pyramid) -> list[float]:
     """Return the root mean square over all channels in equal parts of a recording."""
     pyramid.wait()
-    power = np.mean(pyramid.rms(SPARKLINE_PARTS) ** 2, axis=0)
-    # JSON has no NaN, and four digits are more than a sparkline shows.
-    return [float(f"{value:.4g}") if math.isfinite(value) else 0.0 for value in np.sqrt(power)]
+    power = pyramid.rms(SPARKLINE_PARTS) ** 2
+
+    # A channel whose sensor failed hides no other one.
+    is_known = np.isfinite(power)
+    n_known = np.maximum(np.count_nonzero(is_known, axis=0), 1)
+    mean_power = np.sum(power, axis=0, where=is_known) / n_known
+    # Four digits are more than a sparkline shows.
+    return [float(f"{value:.4g}") for value in np.sqrt(mean_power)]

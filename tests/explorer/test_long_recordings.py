@@ -1,6 +1,7 @@
 """A recording that is too long to be transformed as a whole: its figures, and their memory."""
 
 import base64
+import threading
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,15 @@ from starlette.testclient import TestClient
 
 from swashtwin.diagnosis import load_model
 from swashtwin.explorer import Workspace
+from swashtwin.explorer import pyramid as pyramid_module
 from swashtwin.explorer.excerpts import MAX_WHOLE_VALUES
 from swashtwin.explorer.pyramid import BIN, Pyramid
-from swashtwin.recordings import Recording, load_recording, write_recording
+from swashtwin.recordings import (
+    Recording,
+    inspect_recordings,
+    load_recording,
+    write_recording,
+)
 
 NAME = "long.wav"
 RATE = 50_000
@@ -215,3 +222,102 @@ def test_a_channel_without_samples_hides_no_other_one(tmp_path: Path) -> None:
 
     (row,) = workspace.rows.values()
     assert np.mean(row.rms) == pytest.approx(1, rel=0.05)
+
+
+def write_short(folder: Path, count: int) -> Path:
+    """Write an index of recordings of one second, named r0, r1, and so on."""
+    rows = []
+    for number in range(count):
+        signal = np.random.default_rng(number).normal(size=(1, 1000))
+        recording = Recording(signal, 1000.0, f"r{number}", channels=("x",))
+        write_recording(recording, folder / f"r{number}.h5")
+        rows.append(f'[[recording]]\nid = "r{number}"\nfile = "r{number}.h5"\n')
+    (folder / "recordings.toml").write_text("format = 1\n" + "".join(rows), encoding="utf-8")
+    return folder
+
+
+ERRORS = [MemoryError(), RuntimeError("a library failed"), KeyError("chunk")]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=repr)
+def test_samples_that_cannot_be_read_are_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def fail(pyramid: Pyramid, start: int) -> None:
+        raise error
+
+    monkeypatch.setattr(Pyramid, "_read_block", fail)
+    workspace = read_workspace(write_short(tmp_path, 2))
+    client = open_explorer(workspace)
+
+    assert [row.state for row in workspace.rows.values()] == ["broken", "broken"]
+    for address in ("rms", "samples"):
+        request = {"name": "r0", "start": 0, "count": 9, "width": BIN}
+        answer = client.get(f"/api/{address}", params=request)
+        assert answer.status_code == 422
+        assert answer.json()["detail"] == f"r0: the samples cannot be read ({error!r})."
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=repr)
+def test_a_recording_that_cannot_be_inspected_holds_up_no_other_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def inspect(recordings: list[Recording]) -> Any:
+        if any(recording.recording_id == "r0" for recording in recordings):
+            raise error
+        return inspect_recordings(recordings)
+
+    monkeypatch.setattr("swashtwin.explorer.workspace.inspect_recordings", inspect)
+    workspace = read_workspace(write_short(tmp_path, 3))
+
+    assert [row.state for row in workspace.rows.values()] == ["broken", "ready", "ready"]
+    (finding,) = workspace.rows["r0"].findings
+    assert finding["message"] == repr(error)
+    assert workspace.table()["waiting"] == 0
+
+
+class SlowReading:
+    """A reading that ends no block before it may."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.n_blocks = 0
+        self.may_end = threading.Event()
+        monkeypatch.setattr(pyramid_module, "BLOCK_SAMPLES", 10 * BIN)
+        monkeypatch.setattr(Pyramid, "_read_block", self.read)
+
+    def read(self, start: int) -> None:
+        self.n_blocks += 1
+        assert self.may_end.wait(30)
+
+
+def test_a_pyramid_that_nobody_keeps_stops_to_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace = Workspace(write_short(tmp_path, 5))
+    reading = SlowReading(monkeypatch)
+    pyramids = [workspace.pyramid(f"r{number}") for number in range(4)]
+    assert pyramids[0].wait(0) == 0
+
+    workspace.pyramid("r4")
+    reading.may_end.set()
+    pyramids[0].wait()
+
+    assert reading.n_blocks == 1
+
+
+def test_the_pyramid_of_the_inspected_recording_is_read_as_a_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace = Workspace(write_short(tmp_path, 6))
+    reading = SlowReading(monkeypatch)
+    workspace._inspected = workspace.version("r0")
+    inspected = workspace.pyramid("r0")
+    inspected.wait(0)
+
+    for number in range(1, 6):
+        workspace.pyramid(f"r{number}")
+    reading.may_end.set()
+    inspected.wait()
+
+    assert reading.n_blocks == 2
+    assert workspace.pyramid("r0") is inspected

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int
 
-from swashtwin.foundation import SwashTwinError
+from swashtwin.foundation import DataError, SwashTwinError
 from swashtwin.recordings import BLOCK_SAMPLES, Recording
 
 BIN = 64
@@ -42,6 +42,7 @@ class Pyramid:
 
         self._n_read = 0
         self._failure: Exception | None = None
+        self._is_stopped = False
         self._has_ended = threading.Event()
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._lock = threading.Lock()
@@ -49,12 +50,14 @@ class Pyramid:
     def wait(self, timeout_s: float | None = None) -> float:
         """Return the share of the recording that was read, after at most `timeout_s`.
 
-        The first call starts to read; without a timeout, it returns once all was read.
+        The first call starts to read; without a timeout, it returns once all was read, or after
+        `stop`.
 
         Raises
         ------
         DataError
-            The file is damaged, or was changed after it was opened.
+            The file is damaged, was changed after it was opened, or cannot be read for another
+            reason, such as too little memory.
         """
         with self._lock:
             if self._thread.ident is None:
@@ -64,12 +67,22 @@ class Pyramid:
             raise self._failure
         return self._n_read / self._recording.n_samples
 
+    def stop(self) -> None:
+        """Read no further block; what was read stays."""
+        self._is_stopped = True
+
     def _read(self) -> None:
         try:
             for block in spread_order(-(-self._recording.n_samples // BLOCK_SAMPLES)).tolist():
+                if self._is_stopped:
+                    break
                 self._read_block(block * BLOCK_SAMPLES)
-        except (SwashTwinError, OSError, MemoryError) as cause:
+        except (SwashTwinError, OSError) as cause:
             self._failure = cause
+        except Exception as cause:
+            # Whoever waits must hear of any error, since the thread has no other reader.
+            name = self._recording.recording_id
+            self._failure = DataError(f"{name}: the samples cannot be read ({cause!r}).")
         finally:
             self._has_ended.set()
 

@@ -159,6 +159,8 @@ class Workspace:
         self._opened: OrderedDict[RecordingVersion, Recording] = OrderedDict()
         self._pyramids: OrderedDict[RecordingVersion, Pyramid] = OrderedDict()
         self._worker: threading.Thread | None = None
+        # What the worker inspects, whose pyramid it needs as a whole.
+        self._inspected: RecordingVersion | None = None
         self._is_shown = False
 
         if self.index is None:
@@ -310,6 +312,7 @@ class Workspace:
         version = row.version
         recording = row.recording
         rms: list[float] = []
+        self._inspected = version
         try:
             recording = recording or self._open_entry(row)
             self._show_opened(row, version, recording)
@@ -317,11 +320,13 @@ class Workspace:
             (report,) = inspect_recordings([recording]).recordings
             findings = [finding.to_dict() for finding in report.findings]
             state = "ready"
-        except (SwashTwinError, OSError) as cause:
+        except Exception as cause:
+            # No recording may end the worker, for which all others wait.
             findings = [_finding("unreadable", "error", cause)]
             state = "broken"
 
         with self._lock:
+            self._inspected = None
             if row.version != version:
                 return  # recorded anew meanwhile; it waits for its next inspection
             row.findings = findings
@@ -348,7 +353,7 @@ class Workspace:
             return [
                 finding.to_dict() for finding in inspect_recordings(Recordings(recordings)).findings
             ]
-        except (SwashTwinError, OSError) as cause:
+        except Exception as cause:
             return [_finding("comparison", "warning", cause)]
 
     def _open_entry(self, row: Row) -> Recording:
@@ -437,7 +442,8 @@ class Workspace:
             pyramid = self._pyramids.pop(version, None) or Pyramid(recording)
             self._pyramids[version] = pyramid
             while len(self._pyramids) > _MAX_CACHED_RECORDINGS:
-                self._pyramids.popitem(last=False)
+                oldest = next(key for key in self._pyramids if key != self._inspected)
+                self._pyramids.pop(oldest).stop()
             return pyramid
 
     def comparable(self, name: str, *, healthy: bool = False) -> list[str]:
@@ -488,7 +494,11 @@ def _parse_row(specified: Mapping[str, Any]) -> Row:
 
 
 def _finding(kind: str, severity: str, cause: Exception) -> dict[str, Any]:
-    return {"kind": kind, "severity": severity, "channel": None, "message": str(cause)}
+    message = str(cause)
+    if not isinstance(cause, (SwashTwinError, OSError)):
+        # Of an unexpected error, the text alone may be empty, as that of too little memory.
+        message = repr(cause)
+    return {"kind": kind, "severity": severity, "channel": None, "message": message}
 
 
 def _file_size(row: Row) -> int:

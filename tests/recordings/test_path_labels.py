@@ -1,5 +1,6 @@
 """Numbers, prefixes and folders that tell classes apart are kept in the proposed classes."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,6 +23,14 @@ def propose_for(folder: Path, names: Sequence[str]) -> IndexProposal:
             samples = np.random.default_rng([number, part]).normal(size=60)
             path.write_text("acc\n" + "\n".join(f"{sample:.4f}" for sample in samples))
     return propose_index(folder, unit="g", sample_rate="1 kHz")
+
+
+def write_with_header(folder: Path, *header: str) -> None:
+    """Write two recordings of one class with the same header lines."""
+    for number in range(2):
+        samples = np.random.default_rng(number).normal(size=60)
+        lines = [*header, "acc", *(f"{sample:.4f}" for sample in samples)]
+        (folder / f"normal_{number}.csv").write_text("\n".join(lines), encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -109,15 +118,60 @@ def test_codes_in_names_that_may_be_machines_are_listed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("heading", ["Pruefling;P14", "Prüfling: P14", "Machine = P14", "DUT;P14"])
 def test_the_machine_that_a_header_names_is_proposed(tmp_path: Path, heading: str) -> None:
-    for number in range(2):
-        samples = np.random.default_rng(number).normal(size=60)
-        lines = [heading, "acc", *(f"{sample:.4f}" for sample in samples)]
-        (tmp_path / f"normal_{number}.csv").write_text("\n".join(lines), encoding="utf-8")
+    write_with_header(tmp_path, heading)
 
     proposal = propose_index(tmp_path, unit="g", sample_rate="1 kHz")
 
     assert proposal.index["defaults"]["specimen"] == "P14"
     assert "specimen: P14 (2), from the file" in proposal.facts
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Serial number: 12345",
+        "SN: 77",
+        "Seriennummer;4711",
+        "Machine: 1480 rpm",
+        "Pump: Rexroth A10VSO",
+        "Pumpe;Parker PV046",
+        "Maschine: 15 kW",
+        "DUT = 250 bar",
+        "Pump name: A10VSO",
+    ],
+)
+def test_a_logger_a_quantity_and_a_type_are_no_machine(tmp_path: Path, line: str) -> None:
+    write_with_header(tmp_path, line)
+
+    proposal = propose_index(tmp_path, unit="g", sample_rate="1 kHz")
+
+    assert "specimen" not in proposal.index.get("defaults", {})
+    assert all("specimen" not in entry for entry in proposal.index["recording"])
+    (note,) = [note for note in proposal.notes if note.kind == "header_machines"]
+    name, value = re.split("[:;=]", line)
+    assert note.message == f"found in headers, not used: {name.strip()} = {value.strip()}."
+
+
+@pytest.mark.parametrize(
+    ("line", "machine"),
+    [
+        ("Pump serial number: 12345", "12345"),
+        ("Maschinen-Nr.;4711", "4711"),
+        ("Pumpennummer: 2023/117", "2023/117"),
+        ("Machine SN: R902-44X", "R902-44X"),
+        ("Pump ID: north", "north"),
+        ("Pumpe: A", "A"),
+        ("Machine: Pump 7", "Pump 7"),
+        ("Aggregat: 3", "3"),
+    ],
+)
+def test_a_number_of_the_pump_is_the_machine(tmp_path: Path, line: str, machine: str) -> None:
+    write_with_header(tmp_path, "Serial number: 99", line)
+
+    proposal = propose_index(tmp_path, unit="g", sample_rate="1 kHz")
+
+    assert proposal.index["defaults"]["specimen"] == machine
+    assert not [note for note in proposal.notes if note.kind == "header_machines"]
 
 
 def test_properties_of_a_tdms_group_are_facts(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from swashtwin.foundation import (
 )
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.file_formats import stem_of
+from swashtwin.recordings.formats.column_names import meaning_of_unit, words_of
 from swashtwin.recordings.formats.headings import (
     GROUPED,
     parse_header,
@@ -32,6 +33,7 @@ from swashtwin.recordings.formats.sample_units import normalize_unit
 from swashtwin.recordings.path_labels import (
     MACHINE_IN_FILE_NAME,
     MACHINE_NAME,
+    MACHINE_NOUNS,
     PathClasses,
     label_of_path,
 )
@@ -76,11 +78,16 @@ _HEADING_PATTERNS = {
 # Headings of values that were not measured.
 _LIMIT_HEADING = re.compile(r"nominal|nenn|rated|set[ _-]?point|soll|max|limit", re.IGNORECASE)
 
-# Headings of the machine that was measured.
-_SPECIMEN_HEADING = re.compile(
-    r"(?:prüfling|pruefling|prufling|specimen|machine|maschine|pumpe?|dut|serial|seriennummer|sn)"
-    r"(?:[ _-]?(?:id|nr|no|number|name))?",
-    re.IGNORECASE,
+# Words of headings that name a machine: Pumpe, Pumpennummer, Maschinen-Nr.
+_MACHINE_WORD = re.compile(rf"(?:{MACHINE_NOUNS})n?(?:nummer|nr)?")
+_SERIAL_WORDS = frozenset({"serial", "seriennummer", "seriennr", "sn"})
+_MACHINE_QUALIFIERS = frozenset({"id", "nr", "no", "number", "nummer", "name", "serien", "s", "n"})
+
+# The name of a machine without a word that says so: P14, 12345, A. Longer texts, such as
+# Rexroth A10VSO, may be the maker and the type, which many machines share.
+_MACHINE_CODE = re.compile(
+    rf"(?:(?i:{MACHINE_NOUNS}|unit|nr|no)[ ._#-]*)?"
+    r"(?:[A-Za-z]{1,3}[ _-]?\d{1,9}[A-Za-z]?|\d{1,12}|[A-Za-z])"
 )
 
 # Characters of the name of a machine; longer texts are descriptions.
@@ -305,17 +312,52 @@ def _header_pairs(raw: RawFile) -> list[tuple[str, str]]:
     return pairs
 
 
-def parse_header_specimen(raw: RawFile) -> str | None:
-    """Return the machine that the header of a file names, or None."""
-    if raw.facts:
-        return None
+def parse_header_machine(raw: RawFile) -> tuple[str | None, list[str]]:
+    """Return (machine that the header of a file names, lines that may name one).
 
+    A serial number without the word pump or machine may be that of the logger, and a text may be
+    the maker and the type: neither is a machine.
+    """
+    if raw.facts:
+        return None, []
+
+    machine = None
+    unused_lines: list[str] = []
     for name, text in _header_pairs(raw):
-        specimen = str(text).strip(" ;,\t")
-        is_name = 0 < len(specimen) <= _MAX_SPECIMEN_LENGTH and "\n" not in specimen
-        if is_name and _SPECIMEN_HEADING.fullmatch(name.strip()):
-            return specimen
-    return None
+        value = str(text).strip(" ;,\t")
+        is_short = 0 < len(value) <= _MAX_SPECIMEN_LENGTH and "\n" not in value
+        heading_words = set(words_of(name))
+        machine_words = {word for word in heading_words if _MACHINE_WORD.fullmatch(word)}
+        known_words = machine_words | _SERIAL_WORDS | _MACHINE_QUALIFIERS
+        may_be_machine = machine_words or not heading_words.isdisjoint(_SERIAL_WORDS)
+        if not is_short or not may_be_machine or not heading_words <= known_words:
+            continue
+
+        has_number_word = any(
+            word in _SERIAL_WORDS | _MACHINE_QUALIFIERS - {"name"}
+            or word.endswith(("nr", "nummer"))
+            for word in heading_words
+        )
+        if machine is None and machine_words and _names_machine(value, has_number_word):
+            machine = re.sub(r"^(\d+)\.0$", r"\1", value)
+        else:
+            unused_lines.append(f"{name.strip()} = {value}")
+    return machine, unused_lines
+
+
+def _names_machine(value: str, has_number_word: bool) -> bool:
+    """Return whether a text is the name of one machine, and not a quantity or a description.
+
+    Parameters
+    ----------
+    has_number_word : whether the heading states a number, so that any word is one.
+    """
+    quantity = re.fullmatch(rf"{_NUMBER}\s*(\D+)", value)
+    if quantity and meaning_of_unit(quantity[1]) is not None:
+        return False
+    if has_number_word and not re.search(r"\s", value):
+        return True
+    return bool(re.fullmatch(r"\d+\.0", value) or _MACHINE_CODE.fullmatch(value))
 
 
 def _parse_heading(key: str, name: str, number: str, unit: str) -> str | None:

@@ -9,19 +9,22 @@ from typing import Any
 
 from swashtwin.recordings.findings import Finding, join_names
 
+MACHINE_NOUNS = r"pumpe?|machine|maschine|anlage|aggregat|pr(?:üf|uef|uf)ling|specimen|dut"
+"""Words for a machine, as a regular expression in small letters."""
+
 _MACHINE_NUMBER = r"(?:[ _-]?\d{1,9}|(?:[ _-]|(?<=[a-z]))[A-Z]\d{0,3})"
 
 # A machine, or a class such as B007 if the folders beside it are classes.
 _CODE = r"[A-Z]\d{0,3}"
 
 MACHINE_NAME = re.compile(
-    rf"(?i:pumpe?|machine|maschine|unit|sn|serial|nr|no)(?:{_MACHINE_NUMBER}|[ _-][a-z])"
-    rf"|{_CODE}"
+    rf"(?i:{MACHINE_NOUNS}|pr(?:üf|uef)stand|rig|unit|sn|serial|nr|no)"
+    rf"(?:{_MACHINE_NUMBER}|[ _-][a-z])|{_CODE}"
 )
 """Names of folders, and words of classes, that stand for a machine."""
 
 MACHINE_IN_FILE_NAME = re.compile(
-    rf"(?<![^\W_])(?i:pumpe?|machine|maschine|unit|sn|serial){_MACHINE_NUMBER}(?![^\W_])"
+    rf"(?<![^\W_])(?i:{MACHINE_NOUNS}|unit|sn|serial){_MACHINE_NUMBER}(?![^\W_])"
 )
 """The same in the name of a file, where a number alone may be that of the measurement."""
 

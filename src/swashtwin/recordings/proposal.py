@@ -23,7 +23,7 @@ from swashtwin.recordings.dataset_checks import class_name_findings
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.fact_extraction import (
     parse_header_facts,
-    parse_header_specimen,
+    parse_header_machine,
     parse_path_facts,
     pressures_without_unit,
     read_fact_table,
@@ -162,7 +162,7 @@ def propose_index(
     survey = _complete_by_questions(survey, files, ask)
     survey.require_complete()
 
-    notes = list(survey.notes)
+    notes = [*survey.notes, *survey.unused_line_notes()]
     if survey.pattern is None and table_facts is None:
         machine_notes = move_machines_out_of_labels(survey.entries)
         if machine_notes:
@@ -284,6 +284,9 @@ class _Survey:
     facts: list[Facts] = field(default_factory=list)
     notes: list[Finding] = field(default_factory=list)
 
+    unused_lines: dict[str, None] = field(default_factory=dict)
+    """Lines of headers that may name a machine, or a logger or a type."""
+
     path_classes: PathClasses = field(default_factory=PathClasses)
     """What tells classes apart in the paths."""
 
@@ -351,10 +354,12 @@ class _Survey:
     def _add(self, name: str, raw: RawFile) -> None:
         """Add the entries of a file."""
         values, origins = self._collect_values(name, raw)
-        specimen = parse_header_specimen(raw)
-        if specimen and "specimen" not in values:
-            values["specimen"] = plain_text(specimen)
+        machine, unused_lines = parse_header_machine(raw)
+        if machine and "specimen" not in values:
+            values["specimen"] = plain_text(machine)
             origins["specimen"] = "the file"
+        if "specimen" not in values:
+            self.unused_lines.update(dict.fromkeys(map(plain_text, unused_lines)))
         bare_pressures = pressures_without_unit(values)
         for key in bare_pressures:
             if self.pressure_unit is not None:
@@ -486,6 +491,16 @@ class _Survey:
             facts["unit"] = (units.pop(), "the file")
         facts.setdefault("channels", (", ".join(columns), "the file"))
         return facts
+
+    def unused_line_notes(self) -> list[Finding]:
+        """Return a note that lists the lines of headers which may name a machine."""
+        if not self.unused_lines:
+            return []
+
+        listed = join_names(list(self.unused_lines), _MAX_LISTED_VALUES)
+        message = f"found in headers, not used: {listed}."
+        remedy = "If they name machines, write them as specimen into the index."
+        return [Finding("header_machines", "note", None, message, remedy)]
 
     def update_label_facts(self) -> None:
         """Take over labels and specimens of the entries after they were changed."""

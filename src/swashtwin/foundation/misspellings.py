@@ -7,6 +7,9 @@ from collections.abc import Iterable
 _LETTERS_PER_SLIP = 4
 _MAX_SLIPS = 2
 
+# Shorter names have no slips: nearly every other short name is one letter away.
+_MIN_LETTERS_OF_SLIP = 3
+
 # Letters from which the beginning of a name is an abbreviation of it.
 _MIN_ABBREVIATION = 3
 
@@ -24,9 +27,12 @@ def closest_name(name: str, names: Iterable[str]) -> str | None:
     'valve_plate'
     >>> closest_name("swash_plate", ["normal", "valve_plate"])
     >>> closest_name("pump_2", ["pump_1"])
+    >>> closest_name("lr", ["rr"])
     """
     word = _fold(name)
-    max_slips = min(_MAX_SLIPS, max(1, len(word) // _LETTERS_PER_SLIP))
+    max_slips = 0
+    if len(word) >= _MIN_LETTERS_OF_SLIP:
+        max_slips = min(_MAX_SLIPS, max(1, len(word) // _LETTERS_PER_SLIP))
     folded_names = {candidate: _fold(candidate) for candidate in sorted(names)}
     slips_by_name = {
         candidate: _count_slips(word, folded)

@@ -429,6 +429,66 @@ def test_numbers_with_units_or_brackets_in_cells_are_refused_by_value_and_line(
         load_recording(tmp_path / "a.csv", sample_rate=100, unit="g")
 
 
+TEXTS_BESIDE_SIGNALS = [
+    pytest.param("Battery", "{1:.3f} V", id="voltage of a battery"),
+    pytest.param("Battery", "3.6{0} V", id="voltage of a battery with more digits"),
+    pytest.param("frame", "[{0}]", id="number of a frame"),
+    pytest.param("id", "A{0}:0", id="identifier"),
+    pytest.param("temp", "{1:.2f} °C", id="temperature"),
+    pytest.param("node", "k={0}", id="name and number"),
+    pytest.param("Gewicht", "{0}.5 g", id="weight"),
+    pytest.param("supply", "({1:.2f} mV)", id="supply in parentheses"),
+]
+
+
+@pytest.mark.parametrize("signals", ["acc_x [g]", "CH1", "X;Y"])
+@pytest.mark.parametrize(("heading", "text"), TEXTS_BESIDE_SIGNALS)
+def test_texts_with_numbers_beside_signals_are_left_out(
+    heading: str, text: str, signals: str, tmp_path: Path
+) -> None:
+    names = signals.split(";")
+    rng = np.random.default_rng(11)
+    rows = []
+    for number, samples in enumerate(rng.standard_normal((60, len(names)))):
+        fields = [f"{number / 100:.2f}", *(f"{sample:.5f}" for sample in samples)]
+        rows.append(",".join([*fields, text.format(number, 3 + number / 100)]))
+    heading_line = ",".join(["time_s", *names, heading])
+    (tmp_path / "a.csv").write_text("\n".join([heading_line, *rows]))
+
+    recording = load_recording(tmp_path / "a.csv", unit="g")
+
+    assert len(recording.channels) == len(names)
+    assert recording.attributes["text_columns"] == heading
+
+
+@pytest.mark.parametrize(
+    ("names", "decorated"),
+    [
+        (("acc_x", "acc_y"), "[{0:.4f}]"),
+        (("CH1", "CH2"), "{0:.4f} mV"),
+        (("X", "Motor"), "{0:.4f} m/s²"),
+        (("temp", "Motor"), "({0:.4f})"),
+        (("index", "Motor"), "'{0:.4f}'"),
+    ],
+)
+def test_a_signal_in_brackets_beside_another_column_is_asked_about(
+    names: tuple[str, str], decorated: str, tmp_path: Path
+) -> None:
+    samples = np.random.default_rng(12).standard_normal((60, 2))
+    if names[0] == "index":
+        samples[:, 0] = np.arange(60)
+    rows = [f"{first:.4f},{decorated.format(second)}" for first, second in samples]
+    (tmp_path / "a.csv").write_text("\n".join([",".join(names), *rows]))
+    options = {"sample_rate": 100, "unit": "g"}
+
+    with pytest.raises(DataError, match=r"is a number with a unit, .* Export") as caught:
+        load_recording(tmp_path / "a.csv", **options)
+    assert caught.value.field == "channels"
+
+    selected = load_recording(tmp_path / "a.csv", channels=(names[0],), **options)
+    assert selected.channels == names[:1]
+
+
 @pytest.mark.parametrize("text", ["12 V", "23.{0} °C", "P{0}"])
 def test_texts_with_numbers_that_are_no_samples_are_left_out(text: str, tmp_path: Path) -> None:
     rows = [f"{number / 7:.3f},{text.format(number)}" for number in range(60)]

@@ -351,7 +351,22 @@ def meaning_of_unit(unit: str) -> Meaning | None:
     return Meaning(Quantity.other, f"in {text}")
 
 
-_SENSOR_QUANTITIES = (Quantity.vibration, Quantity.motion, Quantity.electric)
+_VIBRATING = (Quantity.vibration, Quantity.motion)
+_SENSOR_QUANTITIES = (*_VIBRATING, Quantity.electric)
+
+
+def is_sensor_unit(text: str) -> bool:
+    """Return whether a sensor of vibration, or the converter behind it, has a unit.
+
+    Examples
+    --------
+    >>> is_sensor_unit("m/s²"), is_sensor_unit("mV"), is_sensor_unit("LSB"), is_sensor_unit("°C")
+    (True, True, True, False)
+    """
+    meaning = meaning_of_unit(text)
+    if meaning is None:
+        return text.lower() in _NO_UNIT
+    return meaning.quantity in _SENSOR_QUANTITIES
 
 
 @lru_cache(maxsize=1024)
@@ -401,6 +416,33 @@ def names_other(name: str) -> bool:
     """Return whether a name is that of a quantity that neither vibrates nor is the time."""
     meaning = meaning_of_name(name)
     return meaning is not None and meaning.quantity in (Quantity.other, Quantity.label)
+
+
+def may_name_signal(name: str) -> bool:
+    """Return whether a name, with its unit, may be that of a sensor of vibration.
+
+    Examples
+    --------
+    >>> may_name_signal("CH1"), may_name_signal("time [s]"), may_name_signal("battery")
+    (True, False, False)
+    """
+    meaning = meaning_of_name(name)
+    return meaning is None or meaning.quantity in _SENSOR_QUANTITIES
+
+
+def names_signal(name: str, unit: str) -> bool:
+    """Return whether a name, or a unit that stands elsewhere, is clearly that of a vibration.
+
+    Examples
+    --------
+    >>> names_signal("acc_x", ""), names_signal("CH1", "g"), names_signal("CH1", "V")
+    (True, True, False)
+    """
+    if not may_name_signal(name):
+        return False
+    meanings = (meaning_of_name(name), meaning_of_unit(unit))
+    is_vibrating = any(meaning and meaning.quantity in _VIBRATING for meaning in meanings)
+    return is_vibrating or axis_stem(name) is not None
 
 
 def is_foreign_unit(text: str) -> bool:

@@ -8,9 +8,17 @@ from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.column_names import parse_time_name
+from swashtwin.recordings.formats.column_names import (
+    family_of,
+    is_sensor_unit,
+    may_name_signal,
+    meaning_of_unit,
+    names_signal,
+    parse_time_name,
+)
 from swashtwin.recordings.formats.headings import TRADE_UNITS, split_unit
 from swashtwin.recordings.formats.raw_file import ReadOptions
 from swashtwin.recordings.formats.sample_units import normalize_unit, recognize_unit
@@ -69,10 +77,9 @@ _SENSOR_NAME = re.compile(
 
 # A number that is written as "1.234 g", "[1.234]", "(1.234)", "x=1.234" or "'1.234'".
 _PLAIN_NUMBER = r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?"
-_UNIT_OF_VIBRATION = r"m?[gG]|g's|m/s[²2]|m/s\^2|m/s/s|mm/s(?:\^?2|²)?|[mu]?V|(?:counts?|LSB)"
 _DECORATED = re.compile(
     rf"(?=.*[^\d.,eE+-])(?:[A-Za-z]\w*\s*[=:]\s*)?[\[({{<']*\s*{_PLAIN_NUMBER}"
-    rf"\s*[\])}}>']*\s*[\[(]?(?P<unit>{_UNIT_OF_VIBRATION})?[\])]?"
+    r"\s*[\])}>']*\s*[\[(]?(?P<unit>[^\W\d_][^\s\[\](){}]*)?[\])]?"
 )
 
 # Fewer different texts in a column are those of a label.
@@ -283,6 +290,47 @@ class Dialect:
                     f"({', '.join(sensors)}); save the rows of each sensor in a separate file."
                 )
 
+    def refuse_decorated(self, path: Path, lines: Sequence[str]) -> None:
+        """Refuse signals whose numbers are written with a unit, a name or brackets in each row.
+
+        Beside columns of numbers, other texts with numbers are left out: the voltage of a battery,
+        identifiers, or numbers of frames.
+        """
+        cells = _decorated_cells(lines, self.separator)
+        if not cells:
+            return
+
+        names, units = self.headings()
+        signals = [
+            column
+            for column, name in enumerate(names)
+            if self._is_signal(column, name, units.get(name, ""))
+        ]
+        signal_families = {family_of(names[column]) for column in signals}
+
+        for column, cell in cells.items():
+            name = names[column] if column < len(names) else ""
+            is_alike = family_of(name) in signal_families
+            if not signals or is_alike or names_signal(name, cell.unit):
+                raise cell.error(path)
+
+    def _is_signal(self, column: int, name: str, unit: str) -> bool:
+        """Return whether a column has numbers that are neither times, counts nor quantities."""
+        if self.kinds[column] is not Kind.number or not may_name_signal(name):
+            return False
+        if names_signal(name, unit):
+            return True
+        if meaning_of_unit(unit) is not None and not is_sensor_unit(unit):
+            return False
+
+        # Times and counts only rise.
+        numbers: list[float] = []
+        for row in self.rows:
+            if NUMBER[self.decimal].fullmatch(row[column]):
+                text = row[column].replace(self.decimal, ".").replace("∞", "inf")
+                numbers.append(float(re.sub(r"[dD](?=[+-]?\d)", "e", text)))
+        return len(numbers) < 2 or any(number >= later for number, later in pairwise(numbers))
+
     def headings(self) -> tuple[tuple[str, ...], dict[str, str]]:
         """Return the names of the columns, and the units that headings or a line below state."""
         headings = self.header[0] if self.header else [""] * len(self.kinds)
@@ -353,7 +401,7 @@ def detect_dialect(path: Path, lines: Sequence[str], options: ReadOptions) -> Di
         best.refuse_ambiguous(path, lines)
     best.refuse_times_alone(path, lines)
     if options.channels is None and Kind.text in best.kinds:
-        _refuse_decorated(path, lines, best.separator)
+        best.refuse_decorated(path, lines)
     if options.header_lines is None:
         best.refuse_other_headings(path, lines)
     best.refuse_tagged(path, lines)
@@ -377,7 +425,8 @@ def _no_table_error(path: Path, lines: Sequence[str], options: ReadOptions) -> D
     """Return the error of lines without a table; times or numbers with units raise theirs."""
     _refuse_stamps_alone(path, lines)
     for separator in (options.separator,) if options.separator else _SEPARATORS[:-1]:
-        _refuse_decorated(path, lines, separator)
+        for cell in _decorated_cells(lines, separator).values():
+            raise cell.error(path)
     return DataError(
         f"{path} holds no table of numbers that could be found.",
         field="separator",
@@ -386,28 +435,53 @@ def _no_table_error(path: Path, lines: Sequence[str], options: ReadOptions) -> D
     )
 
 
-def _refuse_decorated(path: Path, lines: Sequence[str], separator: str) -> None:
-    """Refuse a column whose numbers are written with a unit, a name or brackets in each row."""
+class _Cell(NamedTuple):
+    """First field of a column whose numbers have a unit, a name or brackets around them."""
+
+    line: int
+    text: str
+    unit: str
+    """Empty if there is none."""
+
+    def error(self, path: Path) -> DataError:
+        """Return the error of a column that may be a signal."""
+        advice = f", and {self.unit!r} in the heading, in square brackets" if self.unit else ""
+        return DataError(
+            f"{path}: line {self.line}: {self.text[:40]!r} is a number with a unit, a name "
+            "or brackets around it.",
+            field="channels",
+            remedy=f"Export the numbers alone{advice}, or select other columns with {{channels}}.",
+        )
+
+
+def _decorated_cells(lines: Sequence[str], separator: str) -> dict[int, _Cell]:
+    """Return the columns with a unit, a name or brackets in most rows, and a cell of each."""
     rows = {
         number: split_line(line, separator) for number, line in enumerate(lines, 1) if line.strip()
     }
     tail = list(rows.values())[-_TAIL_LINES:]
+    cells: dict[int, _Cell] = {}
     for column in range(len(tail[-1]) if tail else 0):
         texts = [row[column] for row in tail if column < len(row)]
-        n_decorated = sum(_DECORATED.fullmatch(text) is not None for text in texts)
+        n_decorated = sum(_match_decorated(text) is not None for text in texts)
         # A text such as "12 V" in all rows is a remark.
         if 2 * n_decorated <= len(tail) or len(set(texts)) < _MIN_DECORATED:
             continue
 
         for number, row in rows.items():
-            match = _DECORATED.fullmatch(row[column]) if column < len(row) else None
+            match = _match_decorated(row[column]) if column < len(row) else None
             if match is not None:
-                unit = match["unit"]
-                advice = f", and {unit!r} in the heading, in square brackets" if unit else ""
-                raise DataError(
-                    f"{path}: line {number}: {row[column][:40]!r} is a number with a unit, a name "
-                    f"or brackets around it. Export the numbers alone{advice}."
-                )
+                cells[column] = _Cell(number, row[column], match["unit"] or "")
+                break
+    return cells
+
+
+def _match_decorated(text: str) -> re.Match[str] | None:
+    """Return the match of a number with decoration, unless its unit is of another quantity."""
+    match = _DECORATED.fullmatch(text)
+    if match is None or (match["unit"] and not is_sensor_unit(match["unit"])):
+        return None
+    return match
 
 
 def _refuse_stamps_alone(path: Path, lines: Sequence[str]) -> None:

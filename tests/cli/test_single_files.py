@@ -1,5 +1,6 @@
 """Commands on one bare file: options state its facts, and the advice of messages works."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from twin_recordings import recording_of
 
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, Pump
-from swashtwin.recordings import Recording, write_recording
+from swashtwin.recordings import Recording, load_recording, write_recording, write_store
 
 WINDOW = ("--window", 128)
 
@@ -135,6 +136,66 @@ def test_diagnose_compares_with_all_files_of_a_folder_without_an_index(
     notes = " ".join(answer["notes"])
     assert "was not compared" not in notes
     assert "Machine this machine" not in notes
+
+
+@pytest.mark.parametrize("copy_name", ["new.csv", "renamed.csv"])
+def test_diagnose_does_not_take_the_diagnosed_recording_as_healthy(
+    fleet: Path, tmp_path: Path, copy_name: str
+) -> None:
+    for number in range(3):
+        write_tone(tmp_path / "data" / f"{number}.csv", 100, 4200)
+    file = write_tone(tmp_path / "data" / "new.csv", 300, 4200)
+    if copy_name != file.name:
+        shutil.move(file, tmp_path / file.name)
+        file = tmp_path / file.name
+        shutil.copy(file, tmp_path / "data" / copy_name)
+    write_tone(tmp_path / "data" / "worn" / "3.csv", 100, 4200)
+    command = ("diagnose", fleet / "m.safetensors", file, *FACTS)
+
+    result = run(*command, "--healthy", tmp_path / "data")
+
+    notes = " ".join(result.stderr.split())
+    data = tmp_path / "data"
+    assert f"taken as healthy: 0.csv, 1.csv, 2.csv in {data}, 3.csv in {data / 'worn'}." in notes
+    assert f"not taken as healthy, as it is to be diagnosed: {Path(copy_name).stem}." in notes
+
+
+def test_diagnose_does_not_take_recordings_of_a_diagnosed_index_as_healthy(
+    fleet: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "all"
+    classes = {"0": "normal", "1": "normal", "2": "piston", "new/3": "piston", "new/4": "normal"}
+    recordings = []
+    for name, label in classes.items():
+        frequency = 100 if label == "normal" else 300
+        tone = write_tone(tmp_path / "tones" / f"{name}.csv", frequency, 4200)
+        recording = load_recording(tone, sample_rate="2 kHz", unit="g", label=label)
+        write_recording(recording, folder / f"{name}.h5")
+        recordings.append(recording)
+    index = tmp_path / "test.toml"
+    run("index", folder / "new", "--out", index)
+    stored = [
+        recording.replace(recording_id=f"s{recording.recording_id}") for recording in recordings
+    ]
+    write_store([*stored[:2], stored[4]], folder / "z store.h5")
+
+    result = run("diagnose", fleet / "m.safetensors", index, "--healthy", folder)
+
+    notes = " ".join(result.stderr.split())
+    assert f"taken as healthy: 0.h5, 1.h5, z store.h5 in {folder}." in notes
+    assert "not taken as healthy, as they are to be diagnosed: 3, 4, s4." in notes
+
+
+def test_diagnose_refuses_a_folder_of_the_diagnosed_recording_alone(
+    fleet: Path, tmp_path: Path
+) -> None:
+    file = write_tone(tmp_path / "new.csv", 300, 4200)
+    command = ("diagnose", fleet / "m.safetensors", file, *FACTS, "--healthy", tmp_path)
+
+    message = one_line(run(*command, code=3))
+
+    assert "has no file besides the recordings to diagnose" in message
+    assert "for --healthy" in message
 
 
 def test_diagnose_refuses_a_folder_without_recordings_to_compare_with(

@@ -40,6 +40,9 @@ if TYPE_CHECKING:
 MAX_EXPLAINED = 10
 """Recordings whose evidence a report shows; each requires some hundred passes of the network."""
 
+# Folders whose files a note names: a folder of recordings of faults among them is seen.
+_MAX_LISTED_FOLDERS = 10
+
 # Columns of the table, by kind of model.
 _HEADERS = {
     "classifier": ("recording", "verdict", "probability", "agreeing windows", "prediction set"),
@@ -66,7 +69,7 @@ def diagnose(
             metavar="FOLDER|INDEX",
             help="Healthy recordings of the machine, with which a classifier compares. Recordings "
             "of other classes in it are ignored. All files of a folder without an index are "
-            "healthy.",
+            "healthy, except those to diagnose.",
             callback=require_index,
         ),
     ] = None,
@@ -94,7 +97,7 @@ def diagnose(
     recordings = load_sources(paths, **facts)
     if healthy is not None:
         trained, recordings = compare_with_healthy(
-            trained, _load_healthy(healthy, facts), recordings
+            trained, _load_healthy(healthy, facts, recordings), recordings
         )
         for text in trained.notes_:
             print_note(f"note: {text}")
@@ -136,15 +139,22 @@ def diagnose(
         raise typer.Exit(NO_VERDICT)
 
 
-def _load_healthy(source: Path, facts: dict[str, Any]) -> "list[Recording]":
+def _load_healthy(
+    source: Path, facts: dict[str, Any], diagnosed: "Sequence[Recording]"
+) -> "list[Recording]":
     """Load the recordings of an index, or the files of a folder without one.
+
+    Nothing states that such a file is healthy, so that recordings to diagnose are left out, and a
+    note names the files that are taken.
 
     Parameters
     ----------
     facts : facts of such files.
+    diagnosed : recordings to diagnose.
     """
     from swashtwin.foundation import DataError
-    from swashtwin.recordings import INDEX_NAME, find_readable_files
+    from swashtwin.pump import is_healthy
+    from swashtwin.recordings import INDEX_NAME, find_exact_copies, find_readable_files, join_names
 
     if not source.is_dir() or (source / INDEX_NAME).is_file():
         return load_sources([source])
@@ -154,7 +164,48 @@ def _load_healthy(source: Path, facts: dict[str, Any]) -> "list[Recording]":
             f"{source} has neither an index ({INDEX_NAME}) nor a file that can be read.",
             field="healthy",
         )
-    return load_sources(files, **facts)
+
+    loaded = load_sources(files, **facts)
+    copies = find_exact_copies(_content_hashes(diagnosed), _content_hashes(loaded))
+    if len(copies) == len(loaded):
+        raise DataError(
+            f"{source} has no file besides the recordings to diagnose.",
+            field="healthy",
+            remedy="Specify a folder or an index of healthy recordings for {healthy}.",
+        )
+
+    names_by_folder: dict[Path, dict[str, None]] = {}
+    healthy = []
+    for file, recording in zip(_files_of_recordings(files), loaded, strict=True):
+        is_other_class = recording.label is not None and not is_healthy(recording.label)
+        if recording.recording_id not in copies and not is_other_class:
+            names_by_folder.setdefault(file.parent, {})[file.name] = None
+            healthy.append(recording)
+
+    folders = [
+        f"{join_names(list(names))} in {folder}" for folder, names in names_by_folder.items()
+    ]
+    if folders:
+        print_note(f"note: taken as healthy: {join_names(folders, _MAX_LISTED_FOLDERS)}.")
+    if copies:
+        reason = "it is to be diagnosed" if len(copies) == 1 else "they are to be diagnosed"
+        print_note(f"note: not taken as healthy, as {reason}: {join_names(list(copies))}.")
+    return healthy
+
+
+def _files_of_recordings(files: Sequence[Path]) -> list[Path]:
+    """Return the file of each recording that `load_sources` loads; a store has several."""
+    from swashtwin.recordings import is_store, load_recordings
+
+    files_of_recordings = []
+    for file in files:
+        count = len(load_recordings(file)) if is_store(file) else 1
+        files_of_recordings += [file] * count
+    return files_of_recordings
+
+
+def _content_hashes(recordings: "Sequence[Recording]") -> dict[str, tuple[str, ...]]:
+    return {recording.recording_id: recording.content_hashes() for recording in recordings}
 
 
 def _collect_evidence(

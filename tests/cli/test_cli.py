@@ -116,7 +116,7 @@ def test_evaluate_tests_only_on_recordings_that_were_not_trained_on(
     assert "g mean" in run("evaluate", model, rig).stdout
 
     refusal = one_line(run("evaluate", model, chain["split"]["train"], code=3))
-    assert "All 4 recordings" in refusal
+    assert "Excluded: 4 that the model was trained on" in refusal
 
 
 def test_train_refuses_to_test_on_a_recording_behind_the_synthetic_windows(

@@ -2,7 +2,6 @@
 
 import tempfile
 from collections import OrderedDict
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,8 +9,7 @@ from fastapi import Body
 
 from swashtwin.explorer.excerpts import describe_excerpts, excerpts
 from swashtwin.explorer.workspace import Name, RecordingVersion, Workspace
-from swashtwin.foundation import InputError, SwashTwinError, plural, to_table
-from swashtwin.pump import is_healthy
+from swashtwin.foundation import DataError, InputError, SwashTwinError, plural, to_table
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, Diagnosis, FaultClassifier, PriorClassifier
@@ -41,8 +39,9 @@ class Diagnoses:
         self._workspace = workspace
         self._answers: OrderedDict[RecordingVersion, dict[str, Any]] = OrderedDict()
         self._model: Model | None = None
-        # A prior before it was adapted, and the healthy recordings that it was adapted to.
+        # A prior before it was adapted, its name, and its healthy recordings.
         self._prior: PriorClassifier | None = None
+        self._prior_name = ""
         self._healthy: list[RecordingVersion] = []
         self.name = ""
         if model is not None:
@@ -53,35 +52,40 @@ class Diagnoses:
 
         model = load_model(path)
         if isinstance(model, PriorClassifier) and not model.specimen:
-            healthy = [
-                row_name
-                for row_name, recording in self._workspace.ready_recordings()
-                if recording.label and is_healthy(recording.label)
-            ]
-            self._adapt(model, healthy)
-            name = f"{name}, adapted to {plural(len(healthy), 'healthy recording')} here"
+            self._adapt(model, name)
         else:
             self._model = model
             self._prior = None
-        self.name = name
-        self._answers.clear()
+            self.name = name
+            self._answers.clear()
 
-    def _adapt(self, prior: "PriorClassifier", healthy: Sequence[str]) -> None:
-        """Diagnose with a prior that is adapted to healthy recordings, given by name."""
-        versions = [self._workspace.version(name) for name in healthy]
-        recordings = [self._workspace.recording(name).unloaded() for name in healthy]
-        self._model = prior.fit([excerpts(recording, 1)[0] for recording in recordings])
+    def _adapt(self, prior: "PriorClassifier", name: str) -> None:
+        """Diagnose with a prior of this name that is adapted to the healthy recordings."""
+        versions = self._workspace.healthy_versions()
+        recordings = []
+        for version in versions:
+            try:
+                recording = self._workspace.recording(version.name).unloaded()
+            except (SwashTwinError, OSError):
+                continue  # the table reports why it cannot be opened
+            recordings.append(excerpts(recording, 1)[0])
+
+        if not recordings:
+            raise DataError(
+                "The prior needs healthy recordings of the machine, and there are none. Assign the "
+                "class 'normal' to those that are healthy."
+            )
+        self._model = prior.fit(recordings)
         self._prior = prior
+        self._prior_name = name
         self._healthy = versions
+        self.name = f"{name}, adapted to {plural(len(recordings), 'healthy recording')} here"
         self._answers.clear()
 
     def _renew_adaptation(self) -> None:
-        """Adapt a prior again if one of its healthy recordings was recorded anew."""
-        if self._prior is None:
-            return
-        names = [version.name for version in self._healthy]
-        if self._healthy != [self._workspace.version(name) for name in names]:
-            self._adapt(self._prior, names)
+        """Adapt a prior again if the healthy recordings, or their facts or files, changed."""
+        if self._prior is not None and self._healthy != self._workspace.healthy_versions():
+            self._adapt(self._prior, self._prior_name)
 
     def model(self) -> dict[str, Any]:
         """Return the model's name."""

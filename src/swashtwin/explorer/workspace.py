@@ -91,6 +91,14 @@ class Row:
         """Facts and file of the recording, as they were last looked at."""
         return RecordingVersion(self.name, repr(self.specified), self.stamp)
 
+    @property
+    def label(self) -> str | None:
+        """Class of the recording; until it is opened, the one that the index specifies."""
+        recording = self.recording  # another thread may close it meanwhile
+        if recording is not None:
+            return recording.label
+        return self.specified.get("label")
+
     def to_dict(self) -> dict[str, Any]:
         """Return the row as the page shows it."""
         content: dict[str, Any] = {
@@ -99,14 +107,14 @@ class Row:
             "findings": self.findings,
             "rms": self.rms,
             "specified": {key: self.specified.get(key) for key in FACTS},
-            "label": self.specified.get("label"),
+            "label": self.label,
             "specimen": self.specified.get("specimen"),
             "file": self.specified.get("file"),
             "stamp": repr(self.stamp),
         }
         if self.recording is not None:
             content |= _describe_recording(self.recording)
-        content["healthy"] = is_healthy(content["label"])
+        content["healthy"] = is_healthy(self.label)
         return content
 
 
@@ -115,7 +123,6 @@ def _describe_recording(recording: Recording) -> dict[str, Any]:
     pressure = specified_pressure(recording)
     return {
         "id": recording.recording_id,
-        "label": recording.label,
         "specimen": recording.specimen,
         "rpm": None if shaft_hz is None else 60 * shaft_hz,
         "mpa": None if math.isnan(pressure) else pressure / 1e6,
@@ -431,6 +438,16 @@ class Workspace:
             for row in list(self.rows.values())
             if row.state == "ready" and row.recording is not None
         ]
+
+    def healthy_versions(self) -> list[RecordingVersion]:
+        """Return the present facts and file of each healthy recording that may be readable."""
+        self.refresh()
+        with self._lock:
+            return [
+                row.version
+                for row in self.rows.values()
+                if row.state != "broken" and is_healthy(row.label)
+            ]
 
     def pyramid(self, name: str) -> Pyramid:
         """Return extremes and root mean square along a recording; the last few stay."""

@@ -128,7 +128,10 @@ class DiagnosePage {
     await attempt(async () => {
       try {
         const diagnosis = await request("diagnosis", { name: this.name });
-        if (isNewest()) this.draw(diagnosis);
+        if (!isNewest()) return;
+        // A prior is adapted again if the healthy recordings changed, and its name says to which.
+        this.showModel(diagnosis.model);
+        this.draw(diagnosis);
       } catch (error) {
         if (isNewest()) throw error;
       }

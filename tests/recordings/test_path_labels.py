@@ -44,6 +44,12 @@ def write_with_header(folder: Path, *header: str) -> None:
         (["0.5X_B/rec", "B/rec", "normal/rec"], ["0.5X_B", "B", "normal"]),
         (["normal", "wear_7mm", "wear_14mm"], ["normal", "wear_14mm", "wear_7mm"]),
         (["B007/run1", "IR014/run1", "normal/run1"], ["B007", "IR014", "normal"]),
+        (["normal", "wear_7mil", "wear_14mil"], ["normal", "wear_14mil", "wear_7mil"]),
+        (["normal", "wear_0.007inch", "wear_0.014inch"], ["normal", "wear_0.014inch"]),
+        (["normal_0um", "wear_10um", "wear_45um"], ["normal", "wear_10um", "wear_45um"]),
+        (["normal", "wear_50%", "wear_100%"], ["normal", "wear_50%", "wear_100%"]),
+        (["normal data/10um/x", "normal data/45um/x", "normal data/0um/x"], ["10um", "45um"]),
+        (["ok", "not_ok_10um", "not_ok_45um"], ["ok", "not_ok_10um", "not_ok_45um"]),
         (["normal/x", "wear level 1/x", "wear level 2/x"], ["normal", "wear level 1"]),
     ],
 )
@@ -67,6 +73,24 @@ def test_what_tells_classes_apart_is_kept_and_said(
         ["wear_1", "wear_2", "normal_3"],
         ["3d_wear", "3d_normal"],
         ["2026-01-03/wear", "2026-01-04/normal"],
+        ["normal_1a", "normal_1b", "wear_1a", "wear_1b"],
+        ["normal_10sec", "normal_60sec", "wear_10sec", "wear_60sec"],
+        ["normal_30lpm", "normal_60lpm", "wear_30lpm", "wear_60lpm"],
+        ["normal_45cc", "normal_100cc", "wear_45cc", "wear_100cc"],
+        ["normal_45ccm", "normal_100ccm", "wear_45ccm", "wear_100ccm"],
+        ["normal_05Jan", "normal_06Jan", "wear_05Jan", "wear_06Jan"],
+        ["normal_1st", "normal_2nd", "wear_1st", "wear_2nd"],
+        ["normal_10Nm", "normal_20Nm", "wear_10Nm", "wear_20Nm"],
+        ["2024-Jan-05/wear", "2024-Jan-06/normal", "normal/rec"],
+        ["05 March/wear", "06 March/normal", "normal/rec"],
+        ["Anlage3/wear", "Anlage4/normal", "normal/rec"],
+        ["Halle3/wear", "Halle3/normal", "normal/rec"],
+        ["Rig 2/wear", "wear/rec", "normal/rec"],
+        ["P3/wear", "P12/normal", "normal/rec"],
+        ["A/wear", "A/normal", "normal/rec", "B/wear"],
+        ["normal_50%", "normal_100%", "wear_50%", "wear_100%"],
+        ["KW05/wear", "2024_KW06/wear", "normal/rec"],
+        ["20240105T103000/wear", "2024-01-06_10h30min/wear", "normal/rec"],
     ],
 )
 def test_machines_operating_points_and_counts_are_no_classes(
@@ -76,6 +100,23 @@ def test_machines_operating_points_and_counts_are_no_classes(
 
     assert set(proposal.index["classes"]) == {"wear", "normal"}
     assert not [note for note in proposal.notes if note.kind == "numbered_classes"]
+
+
+@pytest.mark.parametrize(
+    ("names", "listed"),
+    [
+        (["normal", "wear_45foo", "wear_100foo"], "100foo, 45foo"),
+        (["normal_2mm", "normal_4mm", "wear_2mm", "wear_4mm"], "2mm, 4mm"),
+    ],
+)
+def test_numbers_that_may_be_parts_of_classes_are_listed(
+    tmp_path: Path, names: list[str], listed: str
+) -> None:
+    proposal = propose_for(tmp_path, names)
+
+    assert set(proposal.index["classes"]) == {"wear", "normal"}
+    (note,) = [note for note in proposal.notes if note.kind == "unused_numbers"]
+    assert note.message == f"found in names, not used: {listed}."
 
 
 def test_classes_that_differ_in_case_only_are_said() -> None:

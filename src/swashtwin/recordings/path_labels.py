@@ -2,12 +2,15 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from swashtwin.pump import is_healthy
 from swashtwin.recordings.findings import Finding, join_names
+from swashtwin.recordings.formats.column_names import Quantity, meaning_of_unit
 
 MACHINE_NOUNS = r"pumpe?|machine|maschine|anlage|aggregat|pr(?:üf|uef|uf)ling|specimen|dut"
 """Words for a machine, as a regular expression in small letters."""
@@ -34,26 +37,39 @@ _CODE_IN_FILE_NAME = r"[A-Z]\d{1,3}"
 # A number and its unit, such as the depth of a fault: 10um, 45 um, 0.5X.
 _LEVEL = re.compile(r"(?<![^\W_])(?<!\d[.,])(\d+(?:[.,]\d+)?)([ _]?)([A-Za-zµμ%]{1,4})(?![^\W_]|%)")
 
-# Units of sizes, which may stand apart from their number.
-_SIZE_UNITS = frozenset({"um", "µm", "μm", "mm", "mil", "mils", "%"})
+# Units of sizes that stand right behind their number, and are other quantities in a column:
+# inches, and multiples such as 0.5X.
+_ADJACENT_SIZE_UNITS = frozenset({"in", "inch", "x"})
 
-# Units of operating points, rates, times and orders, which no class has.
-_OTHER_UNITS = frozenset(
-    [
-        *("hz", "khz", "mhz", "k", "s", "ms", "us", "min", "h", "c", "degc", "°c", "f"),
-        *("n", "kn", "nm", "w", "kw", "v", "mv", "a", "ma", "rpm", "upm", "kg", "l", "db"),
-        *("bar", "mbar", "mpa", "kpa", "hpa", "psi", "bit", "ch", "st", "nd", "rd", "th"),
-    ]
+# Endings of numbers that are not units, and cubic centimeters in German.
+_NO_SIZE_UNITS = frozenset({"st", "nd", "rd", "th", "ccm"})
+
+# Codes of faults: letter of the part, and a size in thousandths of an inch, such as B007.
+_FAULT_CODE = re.compile(r"[A-Z]0\d\d")
+
+# Words that turn the name of a healthy pump into that of a fault: not_ok.
+_NEGATIONS = frozenset({"not", "no", "non", "n", "nicht", "kein"})
+
+_MONTHS = (
+    r"jan(?:uar|uary)?|feb(?:ruar|ruary)?|mar(?:ch)?|mrz|märz|apr(?:il)?|mai|may|jun[ei]?|jul[yi]?"
+    r"|aug(?:ust)?|sept?(?:ember)?|o[ck]t(?:ober)?|nov(?:ember)?|de[cz](?:ember)?"
 )
+_MONTH = re.compile(rf"(?<![^\W\d_])(?i:{_MONTHS})(?![^\W\d_])")
+
+# Dates such as 2024-01-05, and times such as 10h30.
+_DATE_OR_TIME = re.compile(r"(?<!\d)(?:(?:19|20)\d\d[-_.]?[01]\d[-_.]?[0-3]\d|\d{1,2}h\d\d)(?!\d)")
 
 # Words whose number counts measurements.
 _MEASUREMENT_WORDS = (
     r"run|test|day|tag|messung|measurement|rec|recording|session|trial|set|part|versuch|lauf|exp|"
-    r"file|data|week|month"
+    r"file|data|datei|daten|batch|charge|seri(?:e|es)|messreihe|week|month|woche|monat|kw"
 )
-_MEASUREMENT = re.compile(rf"(?i:{_MEASUREMENT_WORDS})[ _-]?\d+")
+_MEASUREMENT = re.compile(rf"(?:\d{{4}}[ _-]?)?(?i:{_MEASUREMENT_WORDS})[ _-]?\d+")
 
 _MAX_LISTED_CLASSES = 6
+
+# Names repeat their units, and an unknown one takes long to look up.
+_meaning_of_unit = lru_cache(maxsize=1024)(meaning_of_unit)
 
 
 @dataclass(frozen=True)
@@ -64,34 +80,91 @@ class PathClasses:
     """Relative paths of folders whose names with digits, or codes such as B, are classes."""
     levels: frozenset[str] = frozenset()
     """Numbers with a unit that are parts of the classes in file names."""
+    unused_levels: frozenset[str] = frozenset()
+    """Numbers in file names that differ and may be parts of classes, but are not used."""
 
     @classmethod
     def find(cls, names: Sequence[str]) -> "PathClasses":
         """Return those of the relative paths of all files."""
-        folders = {str(PurePosixPath(name).parent) for name in names} - {"."}
-        siblings: dict[str, list[str]] = {}
-        for folder in folders:
-            siblings.setdefault(str(PurePosixPath(folder).parent), []).append(folder)
+        paths = [PurePosixPath(name) for name in names]
+        folders = _find_class_folders(paths)
 
-        class_folders: set[str] = set()
-        for group in siblings.values():
-            has_class = any(_is_plain_class(PurePosixPath(folder).name) for folder in group)
-            for folder in group:
-                folder_name = PurePosixPath(folder).name
-                is_class = _find_levels(folder_name) or (has_class and _may_be_class(folder_name))
-                if is_class and not _is_plain_class(folder_name):
-                    class_folders.add(folder)
-
-        counts = Counter(
-            level for name in names for level in set(_find_levels(PurePosixPath(name).stem))
+        # A healthy pump has no size of a fault.
+        sizes = Counter(
+            size
+            for path in paths
+            if not _is_of_healthy_pump(path)
+            for size in set(_find_sizes(path.stem, ignored_units=()))
         )
+        healthy_units = _find_units_of_healthy(paths)
         levels = {
-            level
-            for level, count in counts.items()
+            size
+            for size, count in sizes.items()
             # What all files have tells none apart, and what one has may be its number.
-            if count < len(names) and (count > 1 or re.search(r"\d[.,]\d", level))
+            if count < len(names) and (count > 1 or re.search(r"\d[.,]\d", size))
         }
-        return cls(frozenset(class_folders), frozenset(levels))
+        used_levels = {size for size in levels if _find_sizes(size, ignored_units=healthy_units)}
+
+        unknown = Counter(
+            number
+            for path in paths
+            if not _is_labeled_by_folder(path, folders)
+            for number in set(_find_numbers_of_unknown_unit(path.stem))
+        )
+        unused_levels = {number for number, count in unknown.items() if 1 < count < len(names)}
+        unused_levels |= levels - used_levels
+        return cls(folders, frozenset(used_levels), frozenset(unused_levels))
+
+
+def _find_class_folders(paths: Sequence[PurePosixPath]) -> frozenset[str]:
+    """Return the folders whose names with digits, or codes, are classes."""
+    siblings: dict[PurePosixPath, set[PurePosixPath]] = {}
+    with_healthy_file: set[PurePosixPath] = set()
+    for path in paths:
+        folder = path.parent
+        if folder.name:
+            siblings.setdefault(folder.parent, set()).add(folder)
+        if _names_healthy(path.stem):
+            with_healthy_file.update(path.parents)
+
+    healthy_units = _find_units_of_healthy(paths)
+    class_folders: set[str] = set()
+    for group in siblings.values():
+        has_class = any(_is_plain_class(folder.name) for folder in group)
+        sized = [folder for folder in group if _find_sizes(folder.name, healthy_units)]
+        words_with_size = {word for folder in sized for word in _words_without_digits(folder.name)}
+        for folder in group:
+            may_be_class = _may_be_class(folder.name) or folder.name in words_with_size
+            is_class = folder in sized or (has_class and may_be_class)
+            # The folder of a fault, or of its size, holds no healthy pump.
+            is_healthy_folder = folder in with_healthy_file or _names_healthy(folder.name)
+            if is_class and not is_healthy_folder and not _is_plain_class(folder.name):
+                class_folders.add(str(folder))
+    return frozenset(class_folders)
+
+
+def _find_units_of_healthy(paths: Iterable[PurePosixPath]) -> set[str]:
+    """Return the units of sizes in paths of healthy pumps, which are not those of their faults."""
+    units: set[str] = set()
+    for path in paths:
+        if not _is_of_healthy_pump(path):
+            continue
+        for part in (path.parent.name, path.stem):
+            for match in _LEVEL.finditer(part):
+                # A healthy pump may be called one with a fault of 0 um.
+                if float(match[1].replace(",", ".")) > 0:
+                    units.add(match[3].lower())
+    return units
+
+
+def _is_of_healthy_pump(path: PurePosixPath) -> bool:
+    return _names_healthy(path.parent.name) or _names_healthy(path.stem)
+
+
+def _names_healthy(text: str) -> bool:
+    """Return whether a word of a name is that of a healthy pump."""
+    name_words = [word.lower() for word in _words_without_digits(text)]
+    return any(map(is_healthy, name_words)) and _NEGATIONS.isdisjoint(name_words)
 
 
 def _is_plain_class(folder_name: str) -> bool:
@@ -101,22 +174,54 @@ def _is_plain_class(folder_name: str) -> bool:
 def _may_be_class(folder_name: str) -> bool:
     """Return whether a name with digits, or a code, may be a class beside those without."""
     if re.fullmatch(_CODE, folder_name):
+        return _FAULT_CODE.fullmatch(folder_name) is not None
+    if MACHINE_NAME.fullmatch(folder_name) or _MEASUREMENT.fullmatch(folder_name):
+        return False
+    if _MONTH.search(folder_name) or _DATE_OR_TIME.search(folder_name):
+        return False
+
+    for match in _LEVEL.finditer(folder_name):
+        if not _is_size(match) and not _has_unknown_unit(match):
+            return False  # an operating point, a duration or a count
+    has_word = re.search(r"[^\W\d_]{2}", folder_name) is not None
+    return has_word or any(map(_FAULT_CODE.fullmatch, _split_name(folder_name)))
+
+
+def _find_sizes(text: str, ignored_units: Collection[str]) -> list[str]:
+    """Return the numbers of a text that may be sizes of a fault, with their units."""
+    return [
+        match[0]
+        for match in _LEVEL.finditer(text)
+        if _is_size(match) and match[3].lower() not in ignored_units
+    ]
+
+
+def _find_numbers_of_unknown_unit(text: str) -> list[str]:
+    return [match[0] for match in _LEVEL.finditer(text) if _has_unknown_unit(match)]
+
+
+def _is_size(level: re.Match[str]) -> bool:
+    """Return whether a number has the unit of a length, a share or a multiple."""
+    unit = level[3].lower()
+    if unit == "%" or (unit in _ADJACENT_SIZE_UNITS and not level[2]):
         return True
-    is_other = MACHINE_NAME.fullmatch(folder_name) or _MEASUREMENT.fullmatch(folder_name)
-    has_other_unit = any(match[3].lower() in _OTHER_UNITS for match in _LEVEL.finditer(folder_name))
-    return bool(re.search(r"[^\W\d_]{2}|[^\W\d_]\d", folder_name)) and not (
-        is_other or has_other_unit
-    )
+
+    # One letter is never the unit of a size: 1m may be the first of several.
+    meaning = _meaning_of_unit(unit)
+    return len(unit) > 1 and meaning is not None and meaning.quantity is Quantity.motion
 
 
-def _find_levels(text: str) -> list[str]:
-    levels = []
-    for match in _LEVEL.finditer(text):
-        unit = match[3].lower()
-        is_size = unit in _SIZE_UNITS
-        if is_size or (not match[2] and unit not in _OTHER_UNITS):
-            levels.append(match[0])
-    return levels
+def _has_unknown_unit(level: re.Match[str]) -> bool:
+    """Return whether the letters behind a number may be anything, such as a size."""
+    unit = level[3].lower()
+    is_unit = unit in _NO_SIZE_UNITS or _meaning_of_unit(unit) is not None
+    return len(unit) > 1 and not level[2] and not is_unit and not _MONTH.fullmatch(unit)
+
+
+def _is_labeled_by_folder(path: PurePosixPath, class_folders: Collection[str]) -> bool:
+    folder = path.parent
+    is_plain = folder.name != "" and _is_plain_class(folder.name)
+    return is_plain or str(folder) in class_folders
 
 
 def label_of_path(path: Path, stem: str, machine_folder: str | None, classes: PathClasses) -> str:
@@ -147,8 +252,11 @@ def label_of_path(path: Path, stem: str, machine_folder: str | None, classes: Pa
 
 
 def _words_without_digits(text: str) -> list[str]:
-    name_parts = re.split(r"[_\-\s.]+", text)
-    return [part for part in name_parts if part and not re.search(r"\d", part)]
+    return [part for part in _split_name(text) if part and not re.search(r"\d", part)]
+
+
+def _split_name(text: str) -> list[str]:
+    return re.split(r"[_\-\s.]+", text)
 
 
 def number_notes(entries: Iterable[Mapping[str, Any]], classes: PathClasses) -> list[Finding]:
@@ -157,7 +265,7 @@ def number_notes(entries: Iterable[Mapping[str, Any]], classes: PathClasses) -> 
     for entry in entries:
         label = str(entry.get("label", ""))
         folder = PurePosixPath(entry["file"]).parent.as_posix()
-        has_level = not classes.levels.isdisjoint(_find_levels(label))
+        has_level = not classes.levels.isdisjoint(_find_sizes(label, ignored_units=()))
         if folder in classes.folders or has_level:
             labels[label] = None
     if not labels:
@@ -172,13 +280,24 @@ def number_notes(entries: Iterable[Mapping[str, Any]], classes: PathClasses) -> 
     return [Finding("numbered_classes", "note", None, message, remedy)]
 
 
+def unused_number_notes(classes: PathClasses) -> list[Finding]:
+    """Return a note about numbers in file names that may be parts of classes."""
+    if not classes.unused_levels:
+        return []
+
+    listed = join_names(sorted(classes.unused_levels), _MAX_LISTED_CLASSES)
+    message = f"found in names, not used: {listed}."
+    remedy = "If they are part of the class, specify it with {label_pattern}."
+    return [Finding("unused_numbers", "note", None, message, remedy)]
+
+
 def machine_code_notes(entries: Iterable[Mapping[str, Any]]) -> list[Finding]:
     """Return a note about codes such as P12 in file names that may be those of machines."""
     files = [entry["file"] for entry in entries if "specimen" not in entry]
     codes = Counter(
         code
         for file in files
-        for code in set(re.split(r"[_\-\s.]+", PurePosixPath(file).stem))
+        for code in set(_split_name(PurePosixPath(file).stem))
         if re.fullmatch(_CODE_IN_FILE_NAME, code)
     )
     # A code of a single file is its number; one of all files tells no machines apart.

@@ -38,7 +38,12 @@ from swashtwin.recordings.label_hints import (
     label_hints,
     move_machines_out_of_labels,
 )
-from swashtwin.recordings.path_labels import PathClasses, machine_code_notes, number_notes
+from swashtwin.recordings.path_labels import (
+    PathClasses,
+    machine_code_notes,
+    number_notes,
+    unused_number_notes,
+)
 from swashtwin.recordings.scaling import resolve_scaling
 from swashtwin.recordings.side_files import find_side_files
 
@@ -169,6 +174,7 @@ def propose_index(
             survey.update_label_facts()
         notes += machine_notes
         notes += number_notes(survey.entries, survey.path_classes)
+        notes += unused_number_notes(survey.path_classes)
         notes += machine_code_notes(survey.entries)
     labels = [entry.get("label") for entry in survey.entries]
     notes += [note for note in class_name_findings(labels) if note.kind == "similar_classes"]

@@ -201,6 +201,72 @@ def test_names_of_places_and_axes_are_those_of_vibrations(
     assert recording.channels == names
 
 
+PLACES_NAMED_AS_QUANTITIES = [
+    *(("Position 1", "Position 2"), ("Hub left", "Hub right"), ("Level 1", "Level 2")),
+    *(("Phase A", "Phase B"), ("Charge pump", "Main pump"), ("Power unit", "Main pump")),
+    *(("lat", "vert", "long"), ("lat", "axial"), ("Hub", "Rotor", "Blade"), ("Roll 1", "Roll 2")),
+    *(("Pitch bearing", "Main bearing"), ("Yaw drive", "Tower"), ("Gas turbine", "Generator")),
+    *(("Strecke 1", "Strecke 2"), ("Höhe", "quer", "längs"), ("Supply pump", "Motor")),
+    *(("Position links", "Position rechts"), ("Encoder flange", "Fan"), ("Depth 1", "Depth 2")),
+]
+
+
+@pytest.mark.parametrize("unit", ["g", "mm/s"])
+@pytest.mark.parametrize("names", PLACES_NAMED_AS_QUANTITIES, ids=" ".join)
+def test_places_whose_names_are_also_quantities_are_vibrations(
+    names: tuple[str, ...], unit: str, tmp_path: Path
+) -> None:
+    columns = {"time": TIME_S} | dict(zip(names, NOISE, strict=False))
+
+    recording = load_recording(write_table(tmp_path / "a.csv", columns), unit=unit)
+
+    assert recording.channels == names
+
+
+@pytest.mark.parametrize(
+    ("names", "channels"),
+    [
+        (("ax", "ay", "position 1"), ("ax", "ay")),
+        (("ax", "ay", "phase A"), ("ax", "ay")),
+        (("CH1", "CH2", "level 1"), ("CH1", "CH2")),
+        (("Motor", "Pumpe", "Druck A"), ("Motor", "Pumpe")),
+        (("Motor", "Pumpe", "Temperatur links"), ("Motor", "Pumpe")),
+        (("Motor", "charge pump pressure", "battery 1"), ("Motor",)),
+        (("x", "y", "z", "roll"), ("x", "y", "z")),
+        (("ax", "lat", "long"), ("ax",)),
+        (("ax", "hub"), ("ax",)),
+    ],
+)
+def test_quantities_are_left_out_beside_vibrations(
+    names: tuple[str, ...], channels: tuple[str, ...], tmp_path: Path
+) -> None:
+    columns = {"time": TIME_S} | dict(zip(names, NOISE, strict=False))
+
+    recording = load_recording(write_table(tmp_path / "a.csv", columns), unit="g")
+
+    assert recording.channels == channels
+
+
+PARTS_BESIDE_VIBRATIONS = [
+    *(("vib_DE", "Fan", "Compressor"), ("Vibration X", "Vibration Y", "Wheel")),
+    *(("vib", "Stator", "Rotor"), ("acc1", "Turbine", "Impeller"), ("acc1", "Spindle", "Rollers")),
+    *(("vib", "Kupplung", "Lüfter"), ("vib", "Kegelrad", "Ritzel"), ("acc", "Kolben", "Zylinder")),
+    *(("acc", "blade", "tower", "nacelle"), ("acc", "Antriebsseite", "Abtriebslager")),
+    *(("acc1", "Gearbox_HSS", "Gearbox_LSS"), ("acc", "planet", "sun"), ("vib", "Dach", "Wand")),
+]
+
+
+@pytest.mark.parametrize("names", PARTS_BESIDE_VIBRATIONS, ids=" ".join)
+def test_parts_of_machines_beside_vibrations_are_vibrations(
+    names: tuple[str, ...], tmp_path: Path
+) -> None:
+    columns = {"time": TIME_S} | dict(zip(names, NOISE, strict=False))
+
+    recording = load_recording(write_table(tmp_path / "a.csv", columns), unit="g")
+
+    assert recording.channels == names
+
+
 # ---- questions
 
 
@@ -211,6 +277,9 @@ def test_names_of_places_and_axes_are_those_of_vibrations(
         (("x", "y", "mx"), "mx .magnetometer.."),
         (("acc_x", "foo", "quality"), "foo, quality"),
         (("vib", "X", "residual"), "residual"),
+        (("vib", "Motor", "Wirkungsgrad"), "Wirkungsgrad"),
+        (("Motor", "Pumpe", "load"), "load .a load."),
+        (("Antrieb", "Last"), "Last .a load."),
     ],
 )
 def test_columns_that_may_be_something_else_are_asked_about(

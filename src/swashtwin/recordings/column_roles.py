@@ -15,11 +15,13 @@ from swashtwin.recordings.columns import BLOCK_SAMPLES, Column
 from swashtwin.recordings.findings import join_names
 from swashtwin.recordings.formats.column_names import (
     Meaning,
+    PlaceSupport,
     Quantity,
     axis_stem,
     is_name_empty,
     meaning_of_name,
     meaning_of_unit,
+    names_machine_place,
     names_place,
     names_state,
     unknown_unit,
@@ -79,6 +81,8 @@ class Role(NamedTuple):
     kind: RoleKind
     reason: str = ""
     """Words for a message, such as ``in dBm``."""
+    place: PlaceSupport | None = None
+    """By what the name of another quantity may be that of a place."""
 
 
 def vibration_columns(raw: RawFile, options: ReadOptions, source_name: str) -> list[str]:
@@ -101,7 +105,7 @@ def vibration_columns(raw: RawFile, options: ReadOptions, source_name: str) -> l
     if "recording_id" in raw.facts:
         return list(raw.columns)  # a recording that was written here
 
-    roles = {name: _role_of(raw, options, name) for name in raw.columns}
+    roles = _roles_of(raw, options)
     names_by_kind: dict[RoleKind, list[str]] = {kind: [] for kind in RoleKind}
     for name, role in roles.items():
         names_by_kind[role.kind].append(name)
@@ -135,8 +139,10 @@ def describe_excluded(raw: RawFile, options: ReadOptions, names: Iterable[str]) 
     names : columns that are left out.
     """
     texts: dict[str, list[str]] = {attribute: [] for attribute in EXCLUDED_COLUMNS}
-    for name in names:
-        role = _role_of(raw, options, name)
+    excluded = list(names)
+    roles = _roles_of(raw, options) if excluded else {}
+    for name in excluded:
+        role = roles[name]
         is_state = role.kind is RoleKind.state
         texts["state_columns" if is_state else "other_columns"].append(_with_reason(name, role))
     return {attribute: ", ".join(parts) for attribute, parts in texts.items() if parts}
@@ -190,6 +196,28 @@ def _without_braces(text: str) -> str:
 
 
 # ---- roles
+
+
+def _roles_of(raw: RawFile, options: ReadOptions) -> dict[str, Role]:
+    """Return the role of each column; names that may be those of places by the other columns."""
+    roles = {name: _role_of(raw, options, name) for name in raw.columns}
+    candidates = [name for name, role in roles.items() if role.kind is RoleKind.candidate]
+    has_vibrations = any(role.kind is RoleKind.vibration for role in roles.values())
+    are_places = bool(candidates) and all(map(names_machine_place, candidates))
+    for name, role in roles.items():
+        if role.place is None:
+            continue
+
+        is_numbered = role.place is PlaceSupport.number
+        if has_vibrations or (candidates and not are_places):
+            kind = RoleKind.other
+        elif is_numbered or (are_places and role.place is PlaceSupport.part):
+            kind = RoleKind.candidate
+        else:
+            # Beside places, a load may be measured, or the side of the load.
+            kind = RoleKind.doubtful if are_places else RoleKind.other
+        roles[name] = role._replace(kind=kind)
+    return roles
 
 
 def _role_of(raw: RawFile, options: ReadOptions, name: str) -> Role:
@@ -262,7 +290,7 @@ def _role_of_meaning(meaning: Meaning, column: Column) -> Role | None:
             return Role(RoleKind.state, _describe_states(column))
         case Quantity.electric:
             return None  # the voltage of any sensor
-    return Role(RoleKind.other, meaning.reason)
+    return Role(RoleKind.other, meaning.reason, meaning.place)
 
 
 # ---- units of other quantities than acceleration
@@ -292,7 +320,7 @@ def _may_have_unit(raw: RawFile, name: str, role: Role, unit: str) -> bool:
         return False
 
     meaning = _meaning_of(name)
-    if meaning is None or meaning.quantity is Quantity.electric:
+    if role.kind is RoleKind.candidate or meaning is None:
         return True
     if meaning.quantity in _VIBRATING and SENSED_UNIT.fullmatch(unit):
         return True

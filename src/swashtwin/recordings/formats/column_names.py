@@ -4,6 +4,7 @@ The one place that knows such words: readers, clocks and the selection of channe
 """
 
 import re
+from collections.abc import Iterable
 from enum import Enum
 from functools import lru_cache
 from typing import NamedTuple
@@ -28,6 +29,14 @@ class Quantity(Enum):
     other = "another quantity"
 
 
+class PlaceSupport(Enum):
+    """By what the name of a quantity may be that of a sensor's place."""
+
+    number = "a number, a letter or a side behind it, as in Position 1"
+    part = "the word is also a part or a direction: a hub, lateral"
+    columns = "nothing but columns that are named by places"
+
+
 class Meaning(NamedTuple):
     """Quantity of a column, and the evidence for it."""
 
@@ -36,6 +45,8 @@ class Meaning(NamedTuple):
     """Words for a message, such as ``in dBm``."""
     dimension: str = ""
     """SI unit of the quantity, if the name leaves no doubt about it."""
+    place: "PlaceSupport | None" = None
+    """By what the name may be that of a sensor's place as well; None if it cannot."""
 
 
 class TimeName(NamedTuple):
@@ -237,6 +248,19 @@ _OTHER_WORDS: tuple[tuple[str, str, str], ...] = (
 _OTHER_PATTERNS = tuple(
     (re.compile(pattern), dimension, text) for pattern, dimension, text in _OTHER_WORDS
 )
+
+# Words of quantities that are directions or parts of machines as well, in English or German.
+_QUANTITIES_OR_PARTS = {"hub", "lat", "long", "höhe", "breite", "roll", "magnet"}
+
+# Words of quantities that number places, or stand before a part: Phase A, charge pump.
+_QUANTITIES_OR_PLACES = {
+    *("position", "level", "phase", "charge", "power", "supply", "light", "gas", "turn", "turns"),
+    *("load", "loads", "last", "moment", "pitch", "yaw", "course", "depth", "stroke", "encoder"),
+    *("ladung", "leistung", "versorgung", "strecke", "tiefe", "press", *_QUANTITIES_OR_PARTS),
+}
+
+# A pressure is called "press 1" too.
+_NEVER_NUMBERED = {"press"}
 
 # Words behind which the name of another quantity is that of a place: "load side", "Druckseite".
 _SIDE_WORDS = {"side", "seite", "end", "zone", "line", "plate", "port", "bearing", "lager"}
@@ -494,7 +518,7 @@ def _meaning_of_heading(heading: str) -> Meaning | None:
 
     return (
         _meaning_of_motion(heading, name_words)
-        or _other_meaning(name_words)
+        or _other_meaning(words_of(heading))
         or _meaning_of_last_part(heading)
         or _meaning_of_output(name_words)
     )
@@ -548,10 +572,32 @@ def _other_meaning(name_words: list[str]) -> Meaning | None:
             following = name_words[number + 1 :]
             pair = "_".join(name_words[number : number + 2])
             if pattern.fullmatch(word) and _SIDE_WORDS.isdisjoint(following):
-                return Meaning(Quantity.other, text, dimension)
+                if word not in _QUANTITIES_OR_PLACES:
+                    return Meaning(Quantity.other, text, dimension)
+                if not _names_part(following):
+                    return Meaning(Quantity.other, text, dimension, _place_support(word, following))
             if pattern.fullmatch(pair) and _SIDE_WORDS.isdisjoint(following[1:]):
                 return Meaning(Quantity.other, text, dimension)
     return None
+
+
+def _place_support(word: str, following: list[str]) -> PlaceSupport:
+    """Return by what a word of a quantity, and what follows it, may name a place."""
+    for later in following:
+        is_letter = len(later) == 1 and later not in _AXIS_WORDS
+        is_number = later.isdecimal() or is_letter or later in _DIRECTION_WORDS
+        if is_number and word not in _NEVER_NUMBERED:
+            return PlaceSupport.number
+    return PlaceSupport.part if word in _QUANTITIES_OR_PARTS else PlaceSupport.columns
+
+
+def _names_part(name_words: Iterable[str]) -> bool:
+    return any(
+        word in _PART_WORDS
+        or word.removesuffix("s") in _PART_WORDS
+        or _PART_COMPOUND.fullmatch(word)
+        for word in name_words
+    )
 
 
 def names_state(name: str) -> bool:
@@ -566,20 +612,51 @@ _EMPTY_WORDS = {
     *("abscissa", "axis", "achse", "tick", "ticks", "signal", "sample", "samples", "index", "idx"),
 }
 
-# Words of the place or direction of a sensor.
-_PLACE_WORDS = {
+# Words of the direction or side of a sensor.
+_DIRECTION_WORDS = {
     *("de", "nde", "fe", "ba", "ds", "os", "front", "rear", "left", "right", "top", "bottom", "up"),
     *("down", "inner", "outer", "inlet", "outlet", "side", "end", "drive", "nondrive", "axial"),
     *("radial", "tangential", "horizontal", "vertical", "hor", "ver", "vert", "ax", "rad", "tan"),
-    *("lateral", "motor", "pump", "gear", "gearbox", "bearing", "shaft", "housing", "case", "base"),
-    *("plate", "valve", "swash", "swashplate", "frame", "flange", "cover", "foundation", "table"),
-    *("vorne", "hinten", "links", "rechts", "oben", "unten", "innen", "außen", "aussen", "pumpe"),
-    *("getriebe", "lager", "welle", "gehäuse", "gehaeuse", "flansch", "deckel", "platte"),
-    *("saugseite", "druckseite", "antrieb", "abtrieb", "antriebsseite", "abtriebsseite", "seite"),
-    *("quer", "längs", "fundament", "sensor", "sensors", "imu", "aufnehmer"),
-    *("messstelle", "position", "pos", "point", "punkt", "location", "input", "output", "mp"),
-    *("north", "south", "east", "west", "x", "y", "z", "magnitude", "norm", "total", "abs", "sum"),
+    *("lateral", "longitudinal", "transverse", "trans", "vorne", "hinten", "links", "rechts"),
+    *("oben", "unten", "innen", "außen", "aussen", "seite", "quer", "längs", "seitlich", "mitte"),
+    *("north", "south", "east", "west", "middle", "center", "upper", "lower", "hss"),
+    *("lss", "ims", "vertikal", "tangentiell", "near", "far"),
 }
+
+# Words of parts of machines, and of their sensors.
+_PART_WORDS = {
+    *("motor", "pump", "gear", "gearbox", "bearing", "shaft", "housing", "case", "casing", "base"),
+    *("plate", "valve", "swash", "swashplate", "frame", "flange", "cover", "foundation", "table"),
+    *("fan", "blower", "rotor", "stator", "wheel", "compressor", "turbine", "impeller", "coupling"),
+    *("spindle", "roller", "blade", "tower", "nacelle", "hub", "generator", "exciter", "engine"),
+    *("cylinder", "piston", "rod", "crank", "crankshaft", "camshaft", "cam", "head", "block"),
+    *("pinion", "planet", "sun", "ring", "carrier", "stage", "tooth", "belt", "pulley", "chain"),
+    *("sprocket", "conveyor", "drum", "mill", "crusher", "screen", "mixer", "agitator", "extruder"),
+    *("screw", "nut", "chuck", "tailstock", "tool", "hammer", "anvil", "barrel", "nozzle", "seal"),
+    *("cage", "race", "raceway", "ball", "journal", "pad", "axle", "bogie", "wheelset", "rail"),
+    *("wall", "floor", "roof", "pipe", "tube", "beam", "bed", "pedestal", "skid", "slipper"),
+    *("mount", "mounting", "bracket", "foot", "arm", "joint", "link", "winding", "core", "yoke"),
+    *("transformer", "machine", "unit", "load", "brake", "clutch", "retainer"),
+    *("pumpe", "getriebe", "lager", "welle", "gehäuse", "gehaeuse", "flansch", "deckel", "platte"),
+    *("saugseite", "druckseite", "antrieb", "abtrieb", "fundament", "sensor", "sensors", "imu"),
+    *("kupplung", "lüfter", "verdichter", "ventilator", "gebläse", "läufer", "ständer", "rad"),
+    *("laufrad", "tragrolle", "spindel", "walze", "rolle", "zylinder", "kolben", "ventil"),
+    *("ritzel", "stirnrad", "kegelrad", "rotorblatt", "schaufel", "pleuel", "nocken"),
+    *("zahnrad", "riemen", "kette", "trommel", "mühle", "brecher", "turm", "gondel", "nabe"),
+    *("flügel", "schnecke", "mutter", "düse", "dach", "wand", "decke", "boden", "rohr", "rahmen"),
+    *("träger", "bett", "sockel", "fuß", "fuss", "halter", "gelenk", "wicklung", "kern"),
+    *("maschine", "aggregat", "bremse", "dichtung", "käfig", "innenring", "außenring", "kurbel"),
+    *("aufnehmer", "messstelle", "point", "punkt", "location", "input", "output", "mp", "pos"),
+}
+
+# German compounds that end with a part or a side, such as Antriebsseite or Kegelrad.
+_PART_COMPOUND = re.compile(
+    r"\w+(?:seite|lager|welle|pumpe|motor|getriebe|gehäuse|flansch|deckel|platte|walze|kupplung"
+    r"|zylinder|kolben|ventil|block|bearing|shaft|wheel|pump|gear|plate|(?<!g)rad)"
+)
+
+# Words of the axes of a sensor, which say nothing of its place.
+_AXIS_WORDS = {"x", "y", "z", "magnitude", "norm", "total", "abs", "sum"}
 
 
 def names_place(name: str) -> bool:
@@ -590,7 +667,21 @@ def names_place(name: str) -> bool:
     >>> names_place("Motor (DE)"), names_place("Lager_2"), names_place("quality")
     (True, True, False)
     """
-    return not _PLACE_WORDS.isdisjoint(words_of(name_in_group(name)))
+    name_words = words_of(name_in_group(name))
+    is_direction = not (_DIRECTION_WORDS | _AXIS_WORDS | {"position"}).isdisjoint(name_words)
+    return is_direction or _names_part(name_words)
+
+
+def names_machine_place(name: str) -> bool:
+    """Return whether a name holds a part of a machine, a side or a direction, but no mere axis.
+
+    Examples
+    --------
+    >>> names_machine_place("Rotor"), names_machine_place("vert"), names_machine_place("X")
+    (True, True, False)
+    """
+    name_words = words_of(name_in_group(name))
+    return not _DIRECTION_WORDS.isdisjoint(name_words) or _names_part(name_words)
 
 
 # Single letters that stand for another quantity than the time.

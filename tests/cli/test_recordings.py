@@ -93,7 +93,7 @@ def test_equal_findings_of_many_recordings_are_printed_once(tmp_path: Path) -> N
     assert "2 more rows: --json has them." in output
     assert "normal_5MPa_3, x: every sample is" in output
     assert "normal_5MPa_4, x" not in output
-    assert "(constant in 1 more recording: normal_5MPa_4)" in output
+    assert "(Similar: normal_5MPa_4.)" in output
     assert len(run_json("inspect", tmp_path, code=3)["recordings"]) == 26
 
 

@@ -435,6 +435,6 @@ def test_many_findings_of_one_kind_about_the_set_are_counted() -> None:
 
     texts = [text for severity, text in report.merged(by_kind=False) if severity == "error"]
 
-    assert texts == ["0.csv is empty.", "1.csv is empty.", "2.csv is empty. (unreadable: 27 more)"]
+    assert texts == ["0.csv is empty.", "1.csv is empty.", "2.csv is empty. (Similar: 27 more.)"]
     # The full report has them all.
     assert len(report.findings) >= len(unreadable)

@@ -252,4 +252,5 @@ def test_many_notes_of_one_kind_are_one(tmp_path: Path) -> None:
     notes = propose_index(tmp_path, unit="g", sample_rate="1 kHz").notes
 
     (note,) = [note for note in notes if note.kind == "contradicted"]
-    assert "(77 more notes of this kind.)" in note.message
+    assert "(Similar: normal_1000rpm_1.csv, normal_1000rpm_10.csv, " in note.message
+    assert note.message.endswith(" and 74 more.)")

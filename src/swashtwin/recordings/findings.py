@@ -51,3 +51,19 @@ def join_names(names: Sequence[str], max_count: int = 3) -> str:
     text = ", ".join(names[:max_count])
     remaining = len(names) - max_count
     return f"{text} and {remaining} more" if remaining > 0 else text
+
+
+def describe_others(count: int, names: Sequence[str] = ()) -> str:
+    """Return what follows the first findings of a kind: where the others are, or their number.
+
+    Parameters
+    ----------
+    count : number of the other findings.
+    names : files or recordings that they concern; empty if each concerns several.
+
+    Examples
+    --------
+    >>> describe_others(2, ["a.csv", "b.csv"]), describe_others(27)
+    ('(Similar: a.csv, b.csv.)', '(Similar: 27 more.)')
+    """
+    return f"(Similar: {join_names(names) or f'{count} more'}.)"

@@ -16,7 +16,7 @@ from swashtwin.recordings.dataset_checks import (
     length_findings,
     level_findings,
 )
-from swashtwin.recordings.findings import Finding, Severity, join_names
+from swashtwin.recordings.findings import Finding, Severity, describe_others, join_names
 from swashtwin.recordings.formats.raw_file import UNCLOSED
 from swashtwin.recordings.manifest import Manifest, describe_content, join_manifests
 from swashtwin.recordings.recording import Recording
@@ -158,7 +158,7 @@ def _merge_general(findings: Sequence[Finding], spelling: Spelling) -> list[tupl
         texts = [finding.describe(spelling) for finding in group[:_MAX_GENERAL_FINDINGS]]
         n_others = len(group) - len(texts)
         if n_others:
-            texts[-1] += f" ({group[0].kind}: {n_others} more)"
+            texts[-1] += f" {describe_others(n_others)}"
         sentences += [(group[0].severity, text) for text in texts]
     return sentences
 
@@ -175,9 +175,7 @@ def _merge_group(group: Sequence[tuple[str, Finding]], spelling: Spelling) -> st
     else:
         channels = first.channel or ""
         source_name = first_id
-        names = join_names(ids[1:])
-        more = f" ({first.kind} in {plural(len(ids) - 1, 'more recording')}: {names})"
-        suffix = more if len(ids) > 1 else ""
+        suffix = f" {describe_others(len(ids) - 1, ids[1:])}" if len(ids) > 1 else ""
 
     if channels:
         source_name = f"{source_name}, {channels}"

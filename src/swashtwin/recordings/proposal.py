@@ -29,7 +29,7 @@ from swashtwin.recordings.fact_extraction import (
     read_fact_table,
 )
 from swashtwin.recordings.file_formats import find_readable_files, open_raw, stem_of, suffixes
-from swashtwin.recordings.findings import Finding, join_names
+from swashtwin.recordings.findings import Finding, describe_others, join_names
 from swashtwin.recordings.formats.raw_file import RawFile
 from swashtwin.recordings.formats.sample_units import require_sample_unit
 from swashtwin.recordings.index_writing import relative_path
@@ -49,6 +49,9 @@ from swashtwin.recordings.side_files import find_side_files
 
 Facts = dict[str, tuple[str, str]]
 """Value and origin of each fact of one file."""
+
+_FileNote = tuple[str, Finding]
+"""Name of a file, empty if a note concerns several, and the note."""
 
 # Facts that are listed before the others.
 _FIRST_FACTS = ("label", "specimen", "speed", "pressure", "sample_rate", "unit", "channels")
@@ -167,7 +170,7 @@ def propose_index(
     survey = _complete_by_questions(survey, files, ask)
     survey.require_complete()
 
-    notes = [*survey.notes, *survey.unused_line_notes()]
+    notes = survey.unused_line_notes()
     if survey.pattern is None and table_facts is None:
         machine_notes = move_machines_out_of_labels(survey.entries)
         if machine_notes:
@@ -188,23 +191,25 @@ def propose_index(
         index=index,
         skipped=tuple(survey.skipped),
         facts=_describe_facts(survey.facts),
-        notes=_merge_notes(notes),
+        notes=_merge_notes([*survey.notes, *(("", note) for note in notes)]),
     )
 
 
-def _merge_notes(notes: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return one note for many of one kind: the first, and how many more there are."""
-    groups: dict[str, list[Finding]] = {}
-    for note in dict.fromkeys(notes):
-        groups.setdefault(note.kind, []).append(note)
+def _merge_notes(notes: Iterable[_FileNote]) -> tuple[Finding, ...]:
+    """Return one note for many of one kind: the first, and the files of the others."""
+    groups: dict[str, dict[Finding, str]] = {}
+    for file, note in notes:
+        groups.setdefault(note.kind, {}).setdefault(note, file)
 
     merged: list[Finding] = []
     for group in groups.values():
+        first, *others = group
         if len(group) <= _MAX_NOTES_OF_KIND:
             merged += group
         else:
-            message = f"{group[0].message} ({len(group) - 1} more notes of this kind.)"
-            merged.append(replace(group[0], message=message))
+            files = [group[note] for note in others if group[note]]
+            suffix = describe_others(len(others), files)
+            merged.append(replace(first, message=f"{first.message} {suffix}"))
     return tuple(merged)
 
 
@@ -288,7 +293,7 @@ class _Survey:
     missing: dict[str, list[str]] = field(default_factory=dict)
     """Files that lack a fact."""
     facts: list[Facts] = field(default_factory=list)
-    notes: list[Finding] = field(default_factory=list)
+    notes: list[_FileNote] = field(default_factory=list)
 
     unused_lines: dict[str, None] = field(default_factory=dict)
     """Lines of headers that may name a machine, or a logger or a type."""
@@ -351,8 +356,8 @@ class _Survey:
     def _skip(self, reason: str, remedy: str = "") -> None:
         self.skipped.append(Finding("skipped", "note", None, reason, remedy))
 
-    def _note(self, kind: str, message: str, remedy: str = "") -> None:
-        self.notes.append(Finding(kind, "note", None, message, remedy))
+    def _note(self, file: str, kind: str, message: str, remedy: str = "") -> None:
+        self.notes.append((file, Finding(kind, "note", None, message, remedy)))
 
     def _entry(self, values: Mapping[str, Any]) -> Entry:
         return Entry.from_mapping({**self.defaults, **values}, str(self.folder / values["file"]))
@@ -409,6 +414,7 @@ class _Survey:
             key = differing[0]
             winner = "header's" if self.table_facts is None else "table's"
             self._note(
+                name,
                 "contradicted",
                 f"{name} states {key} = {values[key]}, its header {header[key]}; "
                 f"the {winner} counts.",
@@ -452,9 +458,10 @@ class _Survey:
         if entry.channels is None:
             excluded = [column for column in raw.columns if column not in columns]
             for kind, listed in describe_excluded(raw, entry, excluded).items():
-                self._note(kind, f"{EXCLUDED_COLUMNS[kind]} are skipped: {listed}.")
+                self._note(name, kind, f"{EXCLUDED_COLUMNS[kind]} are skipped: {listed}.")
         if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
             self._note(
+                name,
                 "no_speed",
                 "files state a pressure and no speed, which calibration and shaft orders require.",
                 "Set {speed='860 rpm'} if it is known.",

@@ -16,8 +16,9 @@ from starlette.testclient import TestClient
 from swashtwin.diagnosis import load_model
 from swashtwin.explorer import Workspace
 from swashtwin.explorer import pyramid as pyramid_module
-from swashtwin.explorer.excerpts import MAX_WHOLE_VALUES
+from swashtwin.explorer.excerpts import MAX_WHOLE_VALUES, excerpts
 from swashtwin.explorer.pyramid import BIN, Pyramid
+from swashtwin.explorer.recording_views import MAX_LINES, MIN_ORDER_RESOLUTION
 from swashtwin.recordings import (
     Recording,
     inspect_recordings,
@@ -158,6 +159,94 @@ def test_a_figure_says_what_it_is_of(
     long_client: TestClient, address: str, values: dict[str, Any], source: str
 ) -> None:
     assert request_figure(long_client, address, **values)["excerpts"] == source
+
+
+FLAT = np.float64(0)
+
+
+@pytest.mark.parametrize(
+    ("n_channels", "rate", "rpm", "min_s"),
+    [
+        (3, 100_000, 300, 4),
+        (1, 51_200, 1500, 0.8),
+        (2, 25_600, 60, 20),
+        (1, 1_000_000, 6000, 0.5),
+        (64, 102_400, 3000, 0.5),
+        # an excerpt of twenty turns would not fit into memory
+        (1, 50_000, 0.01, 20),
+    ],
+)
+@pytest.mark.parametrize("count", [1, 8])
+def test_an_excerpt_resolves_the_lines_of_the_shaft(
+    n_channels: int, rate: float, rpm: float, min_s: float, count: int
+) -> None:
+    n_samples = 1 + 5 * MAX_WHOLE_VALUES // n_channels
+    recording = Recording(
+        np.broadcast_to(FLAT, (n_channels, n_samples)),
+        rate,
+        "long",
+        channels=tuple(f"c{number}" for number in range(n_channels)),
+        attributes={"speed": f"{rpm} rpm"},
+    )
+
+    parts = excerpts(recording, count)
+
+    assert 1 <= len(parts) <= count
+    assert parts[0].duration >= min_s
+    assert parts[0].n_samples <= 1 << 20
+    assert parts[0].n_samples * n_channels <= MAX_WHOLE_VALUES
+    middle = (parts[0].n_samples + n_samples) / 2
+    assert len(parts) > 1 or parts[0].n_samples < middle
+
+
+def write_wav(folder: Path, signal: np.ndarray, rate: int, rpm: float) -> TestClient:
+    """Open an explorer of one WAV file with a specified speed."""
+    soundfile.write(folder / NAME, signal.T, rate, subtype="PCM_16")
+    index = (
+        f'format = 1\n[[recording]]\nfile = "{NAME}"\nspeed = "{rpm} rpm"\n'
+        'sensitivity = "1 m/s^2"\n'
+    )
+    (folder / "recordings.toml").write_text(index, encoding="utf-8")
+    return open_explorer(Workspace(folder))
+
+
+@pytest.mark.parametrize(
+    ("n_channels", "seconds", "rate", "rpm", "source"),
+    [
+        (3, 8, 100_000, 300, ""),
+        (2, 11, 100_000, 600, ""),
+        (1, 180, 51_200, 300, "5 excerpts of 4.1 s each"),
+    ],
+)
+def test_an_order_spectrum_of_a_slow_shaft_is_fine(
+    tmp_path: Path, n_channels: int, seconds: int, rate: int, rpm: float, source: str
+) -> None:
+    turns = np.arange(seconds * rate) / rate * rpm / 60
+    # the piston passes, and their modulation by the shaft
+    signal = 0.2 * (np.sin(2 * np.pi * 7 * turns) + np.sin(2 * np.pi * 8 * turns))
+    client = write_wav(tmp_path, np.tile(signal, (n_channels, 1)), rate, rpm)
+
+    spectrum = request_figure(client, "spectrum", kind="order")
+
+    assert spectrum["excerpts"] == source
+    # as fine as of any recording
+    highest_order = rate / 2 / (rpm / 60)
+    step = max(MIN_ORDER_RESOLUTION, highest_order / MAX_LINES)
+    assert spectrum["step"] == pytest.approx(step, rel=0.01)
+    amplitude = np.frombuffer(base64.b64decode(spectrum["amplitude"]), "<f4")
+    passes, between, sideband = amplitude[np.round(np.array([7, 7.5, 8]) / step).astype(int)]
+    assert between < 0.05 * min(passes, sideband)
+
+
+def test_a_spectrum_of_a_pausing_machine_says_how_many_excerpts_it_is_of(tmp_path: Path) -> None:
+    # the first of eight excerpts alone has a signal
+    signal = np.zeros((1, MAX_WHOLE_VALUES + 1000))
+    signal[0, : signal.shape[1] // 6] = make_signal(0, signal.shape[1] // 6)
+    client = write_wav(tmp_path, signal, RATE, 1500)
+
+    for kind in ("amplitude", "order"):
+        spectrum = request_figure(client, "spectrum", kind=kind)
+        assert spectrum["excerpts"] == "1 of 8 excerpts of 2.62 s each"
 
 
 def test_a_comparison_notes_that_it_is_of_excerpts(long_client: TestClient) -> None:

@@ -10,7 +10,7 @@ from fastapi import Query
 from jaxtyping import Float
 from starlette.responses import Response
 
-from swashtwin.explorer.excerpts import MAX_TURNED_VALUES, describe_excerpts, excerpts, is_long
+from swashtwin.explorer.excerpts import MAX_TURNED_SAMPLES, describe_excerpts, excerpts, is_long
 from swashtwin.explorer.pyramid import BIN
 from swashtwin.explorer.workspace import Name, RecordingVersion, Workspace
 from swashtwin.foundation import DataError, InputError, SwashTwinError
@@ -104,7 +104,7 @@ class RecordingViews:
         """Return a spectrum, averaged over excerpts of a long recording."""
         recording = self._workspace.recording(key.recording.name)
         if key.kind == "order":
-            parts = excerpts(recording, max_values=MAX_TURNED_VALUES)
+            parts = excerpts(recording, max_samples=MAX_TURNED_SAMPLES)
         elif key.kind == "envelope" and key.band is None:
             # The kurtogram selects one band of one excerpt.
             parts = excerpts(recording, 1)
@@ -132,7 +132,7 @@ class RecordingViews:
         n_lines = min(amplitude.shape[1] for amplitude in amplitudes)
         powers = [amplitude[:, :n_lines] ** 2 for amplitude in amplitudes]
         mean = np.sqrt(np.mean(powers, axis=0))
-        source = describe_excerpts(parts[: len(spectra)], recording)
+        source = describe_excerpts(parts, recording, len(spectra))
         return ComputedSpectrum(spectra[0], step, mean, source)
 
     def _key(
@@ -241,7 +241,7 @@ class RecordingViews:
         rate = recording.sample_rate
         source = ""
         if orders:
-            parts = excerpts(recording, 1, max_values=MAX_TURNED_VALUES)
+            parts = excerpts(recording, 1, max_samples=MAX_TURNED_SAMPLES)
             source = describe_excerpts(parts, recording)
             recording = _resample_to_turns(parts[0])
             rate = float(recording.attributes["samples_per_turn"])

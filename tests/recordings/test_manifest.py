@@ -1,11 +1,14 @@
 """Recordings are identified by their content, whatever their files are called."""
 
+import base64
 import pickle
-from collections.abc import Callable
+import random
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfilt
 
 from swashtwin.recordings import (
     BLOCK_SAMPLES,
@@ -21,6 +24,7 @@ from swashtwin.recordings import (
     write_store,
 )
 from swashtwin.recordings.manifest import describe_content
+from swashtwin.recordings.sample_patterns import find_shared_patterns
 
 
 def noise_recording(name: str = "a", *, seed: int = 0) -> Recording:
@@ -261,6 +265,123 @@ def test_a_mixture_of_many_recordings_is_named_with_each_of_them() -> None:
     copies = find_duplicates(build_manifest([mixture, *parts]))
 
     assert copies == {part.recording_id: "a mixture" for part in parts}
+
+
+def parts(starts: Sequence[int], length: int) -> list[Recording]:
+    """Return parts of one long measurement, called r0, r1, ..."""
+    signal = np.random.default_rng(0).normal(size=(2, 30_000)).round(5)
+    return [
+        Recording(
+            signal[:, start : start + length],
+            2000.0,
+            f"r{number}",
+            channels=("x", "y"),
+            label="normal",
+        )
+        for number, start in enumerate(starts)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("starts", "length", "duplicates"),
+    [
+        pytest.param(
+            [2250 * number for number in range(10)],
+            3000,
+            {"r1": "r0", "r3": "r2", "r5": "r4", "r7": "r6", "r9": "r8"},
+            id="neighbors",
+        ),
+        pytest.param([6000, 3000, 0], 4000, {"r1": "r0"}, id="in reverse order"),
+        pytest.param([0, 0, 8000, 8000], 4000, {"r1": "r0", "r3": "r2"}, id="exact copies"),
+    ],
+)
+def test_a_part_that_overlaps_only_duplicates_is_kept(
+    starts: Sequence[int], length: int, duplicates: dict[str, str]
+) -> None:
+    assert find_duplicates(build_manifest(parts(starts, length))) == duplicates
+
+
+def low_pass(channel: np.ndarray) -> np.ndarray:
+    """Return a channel without its upper half band, which has none of its patterns."""
+    return sosfilt(butter(4, 500, fs=2000, output="sos"), channel)
+
+
+@pytest.mark.parametrize(
+    ("earlier", "later"),
+    [
+        pytest.param(["-1"], ["0", "1"], id="second channel"),
+        pytest.param(["-2"], ["0", "1", "2"], id="third channel"),
+        pytest.param(["0", "1"], ["-1"], id="fewer channels later"),
+        pytest.param(["-2", "-1"], ["0", "1", "2"], id="two of three channels"),
+    ],
+)
+def test_an_altered_copy_of_some_channels_is_found_in_both_orders(
+    earlier: list[str], later: list[str]
+) -> None:
+    channels = np.random.default_rng(0).normal(size=(3, 4000))
+    signals = {str(number): channel for number, channel in enumerate(channels)}
+    signals |= {f"-{number}": low_pass(channel) for number, channel in enumerate(channels)}
+    recordings = [
+        Recording(np.stack([signals[name] for name in names]), 2000.0, recording_id, channels=names)
+        for recording_id, names in (("a", earlier), ("b", later))
+    ]
+
+    assert find_duplicates(build_manifest(recordings)) == {"b": "a"}
+    first, second = (build_manifest([recording]) for recording in recordings)
+    assert find_copies(first, second) == {"b": "a"}
+    assert find_copies(second, first) == {"a": "b"}
+
+
+def test_a_copy_of_one_channel_beside_another_is_found_within_a_data_set() -> None:
+    a, b, c = np.random.default_rng(0).normal(size=(3, 4000))
+    recordings = [
+        Recording(np.stack(signal), 2000.0, name, channels=("x", "y"))
+        for name, signal in (("earlier", [low_pass(b), c]), ("later", [a, b]))
+    ]
+
+    assert find_duplicates(build_manifest(recordings)) == {"later": "earlier"}
+
+
+def pattern_text(numbers: Sequence[int]) -> str:
+    """Return the patterns of a channel as `compute_patterns` writes them."""
+    packed = b"".join(number.to_bytes(6, "big") for number in sorted(numbers))
+    return "=" + base64.b64encode(packed).decode()
+
+
+@pytest.mark.parametrize(
+    ("n_strangers", "n_shared"),
+    [
+        pytest.param(1, 1, id="one pattern of one recording"),
+        pytest.param(1, 4, id="some patterns of one recording"),
+        pytest.param(5, 1, id="one pattern of each of some recordings"),
+    ],
+)
+def test_patterns_that_are_shared_by_chance_hide_no_copy(n_strangers: int, n_shared: int) -> None:
+    draw = random.Random(0)
+    original = sorted(draw.sample(range(1 << 48), 100))
+    listed = {"original": [pattern_text(original)]}
+    for number in range(n_strangers):
+        # A long recording lists the smallest 128 of its many patterns only.
+        own_numbers = draw.sample(range(original[4]), 128 - n_shared)
+        shared_numbers = original[number : number + n_shared]
+        listed[f"stranger {number}"] = [pattern_text([*own_numbers, *shared_numbers])]
+
+    copies = find_shared_patterns(listed, {"copy": [pattern_text(original[:80])]})
+
+    assert copies == {"copy": "original"}
+
+
+def test_a_mixture_of_a_few_patterns_of_each_of_many_recordings_is_a_copy() -> None:
+    draw = random.Random(0)
+    listed = {f"n{number}": draw.sample(range(1 << 48), 100) for number in range(30)}
+    mixed = [numbers[0] for numbers in listed.values()] + listed["n7"][:4]
+
+    copies = find_shared_patterns(
+        {name: [pattern_text(numbers)] for name, numbers in listed.items()},
+        {"mixture": [pattern_text(mixed)]},
+    )
+
+    assert copies == {"mixture": "n7"}
 
 
 def test_samples_of_single_precision_are_described_without_warnings() -> None:

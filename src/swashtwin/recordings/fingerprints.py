@@ -172,28 +172,50 @@ def find_altered_copies(
     """Return those of `recordings` that are copies of listed ones: listed id by id.
 
     The first fingerprint of a recording is compared with all of a listed one, so that exchanged and
-    removed channels hide no copy.
+    removed channels hide no copy. If the listed one has fewer, its first one is compared with all
+    of the recording, whose first channel it may lack.
 
     Parameters
     ----------
     listed, recordings : fingerprints by id.
     """
+    copies = _match(listed, {name: texts[:1] for name, texts in recordings.items()})
+    for count in {len(texts) for texts in recordings.values()}:
+        smaller = {name: texts[:1] for name, texts in listed.items() if len(texts) < count}
+        remaining = {
+            name: texts[1:]
+            for name, texts in recordings.items()
+            if len(texts) == count and name not in copies
+        }
+        copies |= _match(smaller, remaining)
+    return copies
+
+
+def _match(
+    listed: Mapping[str, Sequence[str]], recordings: Mapping[str, Sequence[str]]
+) -> dict[str, str]:
+    """Return the listed id by that of each recording one of whose fingerprints agrees with it.
+
+    Parameters
+    ----------
+    listed, recordings : fingerprints by id, which are all compared.
+    """
     candidates: dict[int, list[tuple[str, np.ndarray]]] = {}
-    best: dict[str, tuple[float, str]] = {}
     for name, fingerprints in recordings.items():
-        if fingerprints:
-            signs = _decode_signs(fingerprints[0])
+        for fingerprint in fingerprints:
+            signs = _decode_signs(fingerprint)
             candidates.setdefault(signs.shape[1], []).append((name, signs))
-            best[name] = (0.0, "")
     if not candidates:
         return {}
 
+    best: dict[str, tuple[float, str]] = {}
     for names, listed_signs in _listed_blocks(listed):
         for group in candidates.values():
             agreements = _agreements(listed_signs, [signs for _, signs in group])
             for (name, _), agreement in zip(group, agreements, strict=True):
                 row = int(agreement.argmax())
-                best[name] = max(best[name], (float(agreement[row]), names[row]))
+                match = (float(agreement[row]), names[row])
+                best[name] = max(best.get(name, match), match)
 
     return {
         name: listed_name
@@ -214,44 +236,59 @@ def find_altered_pairs(fingerprints: Mapping[str, Sequence[str]]) -> list[tuple[
     fingerprints : fingerprints by id.
     """
     known = {name: texts for name, texts in fingerprints.items() if texts}
-    pairs: list[tuple[str, str]] = []
     if len(known) < 2:
-        return pairs
+        return []
 
     names = list(known)
-    for later, earlier in _similar_pairs(list(known.values())):
-        copy = find_altered_copies(
-            {names[earlier]: known[names[earlier]]}, {names[later]: known[names[later]]}
-        )
-        pairs += copy.items()
-    return pairs
+    pairs: set[tuple[int, int]] = set()
+    for (listed, candidate), similar in _similar_fingerprints(list(known.values())).items():
+        pair = (max(listed, candidate), min(listed, candidate))
+        first = known[names[candidate]][:1]
+        if pair not in pairs and _match({names[listed]: similar}, {names[candidate]: first}):
+            pairs.add(pair)
+    return [(names[later], names[earlier]) for later, earlier in sorted(pairs)]
 
 
-def _similar_pairs(fingerprints: Sequence[Sequence[str]]) -> Iterator[tuple[int, int]]:
-    """Yield the numbers of recordings with similar power spectra: (later, earlier).
+def _similar_fingerprints(
+    fingerprints: Sequence[Sequence[str]],
+) -> dict[tuple[int, int], list[str]]:
+    """Return fingerprints with power spectra like the first one of another recording.
 
-    The first fingerprint of the later recording is compared with all of the earlier one, and the
-    other way round.
+    Each recording is listed and candidate, since the first channel of one may be missing in the
+    other.
+
+    Returns
+    -------
+    similar : by the numbers of the listed recording and of the candidate: those fingerprints of the
+        listed one that resemble the first one of the candidate.
     """
     owners = np.repeat(np.arange(len(fingerprints)), [len(texts) for texts in fingerprints])
     is_first = np.r_[True, np.diff(owners) > 0]
-    signs = [_decode_signs(text) for texts in fingerprints for text in texts]
+    flat_fingerprints = [text for texts in fingerprints for text in texts]
+    signs = [_decode_signs(text) for text in flat_fingerprints]
     lengths = np.array([values.shape[1] for values in signs])
     size = fft.next_fast_len(int(lengths.max()))
     threshold = _SPECTRAL_DEVIATIONS / np.sqrt(2 * lengths)
 
-    is_similar = np.zeros((len(fingerprints), len(fingerprints)), np.bool_)
+    is_similar = np.zeros((len(signs), len(fingerprints)), np.bool_)
     for bands in (slice(0, 2), slice(2, 4)):
         spectra = np.stack([_power_spectrum(values[bands], size) for values in signs])
         for start in range(0, len(signs), _BLOCK_SIZE):
             rows = slice(start, start + _BLOCK_SIZE)
             agreement = spectra[rows] @ spectra[is_first].T
             limit = np.maximum(threshold[rows, None], threshold[is_first])
-            listed, candidates = np.nonzero(agreement > limit)
-            is_similar[owners[rows][listed], candidates] = True
+            is_similar[rows] |= agreement > limit
 
-    is_similar |= is_similar.T
-    yield from zip(*np.nonzero(np.tril(is_similar, -1)), strict=True)
+    # Two first fingerprints are compared once, with the earlier one as the listed one.
+    candidates = np.arange(len(fingerprints))
+    is_repeated = is_first[:, None] & (owners[:, None] > candidates)
+    is_similar &= ~is_repeated & (owners[:, None] != candidates)
+
+    similar: dict[tuple[int, int], list[str]] = {}
+    for row, candidate in zip(*np.nonzero(is_similar), strict=True):
+        pair = (int(owners[row]), int(candidate))
+        similar.setdefault(pair, []).append(flat_fingerprints[row])
+    return similar
 
 
 def _power_spectrum(signs: Complex[np.ndarray, "band time"], size: int) -> np.ndarray:

@@ -124,19 +124,26 @@ def find_copies(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> d
 def find_duplicates(manifest: Manifest) -> dict[str, str]:
     """Return recordings that are copies of an earlier one of the manifest: its id by their id.
 
-    They share the content of a channel, or are copies as `find_copies` detects them.
+    They share the content of a channel, or are copies as `find_copies` detects them. A recording
+    that is a copy only of such copies is not one of them: consecutive parts that overlap are
+    copies of their neighbors, but every second part holds other samples.
     """
+    altered: dict[str, list[str]] = {}
+    for later, earlier in find_altered_duplicates(manifest):
+        altered.setdefault(later, []).append(earlier)
+
     duplicates: dict[str, str] = {}
     names: dict[str, str] = {}
     for name, hashes in manifest.items():
         original = _first_match(hashes, names)
+        if original is None:
+            distinct = [other for other in altered.get(name, ()) if other not in duplicates]
+            original = next(iter(distinct), None)
         if original is not None:
             duplicates[name] = original
+            continue
         for digest in hashes:
-            names.setdefault(digest, name)
-
-    for later, earlier in find_altered_duplicates(manifest):
-        duplicates.setdefault(later, earlier)
+            names[digest] = name
     return duplicates
 
 

@@ -117,9 +117,14 @@ def find_shared_patterns(
     copies = {}
     for name, texts in recordings.items():
         sketch = _Sketch.decode(texts)
-        counts = Counter(owner for number in sketch.numbers for owner in owners.get(number, ()))
-        sources = [listed_sketches[owner] for owner in counts]
-        if sketch.holds_samples_of(sources):
+        counts = _count_shared_patterns(sketch, owners)
+        # Without those that share a few patterns by chance: the sketch of a long one among them
+        # would leave hardly a pattern to compare. With them, for blocks of many recordings.
+        is_copy = any(
+            sketch.holds_samples_of([listed_sketches[source] for source in sources])
+            for sources in (_select_sources(counts), list(counts))
+        )
+        if is_copy:
             copies[name] = counts.most_common(1)[0][0]
     return copies
 
@@ -137,12 +142,9 @@ def find_shared_pairs(patterns: Mapping[str, Sequence[str]]) -> list[tuple[str, 
 
     pairs: set[tuple[int, int]] = set()
     for name, sketch in sketches.items():
-        counts = Counter(owner for number in sketch.numbers for owner in owners[number])
-        sources = [
-            owner
-            for owner, count in counts.items()
-            if owner != name and count >= MIN_SHARED_PATTERNS
-        ]
+        counts = _count_shared_patterns(sketch, owners)
+        del counts[name]
+        sources = _select_sources(counts)
         if sketch.holds_samples_of([sketches[source] for source in sources]):
             for source in sources:
                 earlier, later = sorted((positions[name], positions[source]))
@@ -193,6 +195,16 @@ def _map_owners(sketches: Mapping[str, _Sketch]) -> dict[int, list[str]]:
         for number in sketch.numbers:
             owners.setdefault(number, []).append(name)
     return owners
+
+
+def _count_shared_patterns(sketch: _Sketch, owners: Mapping[int, list[str]]) -> Counter[str]:
+    """Return the number of patterns that a recording shares with each listed one."""
+    return Counter(owner for number in sketch.numbers for owner in owners.get(number, ()))
+
+
+def _select_sources(counts: Mapping[str, int]) -> list[str]:
+    """Return the recordings that share more patterns than different ones do by chance."""
+    return [owner for owner, count in counts.items() if count >= MIN_SHARED_PATTERNS]
 
 
 def _decode(text: str) -> list[int]:

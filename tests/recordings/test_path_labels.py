@@ -49,6 +49,8 @@ def write_with_header(folder: Path, *header: str) -> None:
         (["normal_0um", "wear_10um", "wear_45um"], ["normal", "wear_10um", "wear_45um"]),
         (["normal", "wear_50%", "wear_100%"], ["normal", "wear_50%", "wear_100%"]),
         (["normal data/10um/x", "normal data/45um/x", "normal data/0um/x"], ["10um", "45um"]),
+        (["0 um/healthy", "10 um/rec", "45 um/rec"], ["healthy", "10 um", "45 um"]),
+        (["Stufe0/gut", "Stufe1/x", "Stufe2/x", "leck/x"], ["gut", "Stufe1", "Stufe2", "leck"]),
         (["ok", "not_ok_10um", "not_ok_45um"], ["ok", "not_ok_10um", "not_ok_45um"]),
         (["normal/x", "wear level 1/x", "wear level 2/x"], ["normal", "wear level 1"]),
     ],
@@ -86,6 +88,8 @@ def test_what_tells_classes_apart_is_kept_and_said(
         ["Anlage3/wear", "Anlage4/normal", "normal/rec"],
         ["Halle3/wear", "Halle3/normal", "normal/rec"],
         ["Rig 2/wear", "wear/rec", "normal/rec"],
+        ["Motor1/wear", "Motor2/normal", "normal/rec"],
+        ["Werk 1/wear", "Werk 2/normal", "normal/rec"],
         ["P3/wear", "P12/normal", "normal/rec"],
         ["A/wear", "A/normal", "normal/rec", "B/wear"],
         ["normal_50%", "normal_100%", "wear_50%", "wear_100%"],
@@ -117,6 +121,25 @@ def test_numbers_that_may_be_parts_of_classes_are_listed(
     assert set(proposal.index["classes"]) == {"wear", "normal"}
     (note,) = [note for note in proposal.notes if note.kind == "unused_numbers"]
     assert note.message == f"found in names, not used: {listed}."
+
+
+@pytest.mark.parametrize(
+    ("names", "machines"),
+    [
+        (["A/wear", "B/wear", "normal/rec"], "A, B"),
+        (["P3/wear", "P12/wear", "normal/rec"], "P12, P3"),
+        (["A/wear", "B/normal", "normal/rec"], None),
+        (["A/wear", "A/normal", "B/wear", "B/normal"], None),
+    ],
+)
+def test_codes_beside_classes_that_are_taken_for_machines_are_listed(
+    tmp_path: Path, names: list[str], machines: str | None
+) -> None:
+    proposal = propose_for(tmp_path, names)
+
+    messages = [note.message for note in proposal.notes if note.kind == "unclear_machines"]
+    expected = f"the folders {machines} stand beside classes and were read as machines (specimen)."
+    assert messages == ([] if machines is None else [expected])
 
 
 def test_classes_that_differ_in_case_only_are_said() -> None:

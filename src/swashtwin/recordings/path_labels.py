@@ -21,7 +21,7 @@ _MACHINE_NUMBER = r"(?:[ _-]?\d{1,9}|(?:[ _-]|(?<=[a-z]))[A-Z]\d{0,3})"
 _CODE = r"[A-Z]\d{0,3}"
 
 MACHINE_NAME = re.compile(
-    rf"(?i:{MACHINE_NOUNS}|pr(?:üf|uef)stand|rig|unit|sn|serial|nr|no)"
+    rf"(?i:{MACHINE_NOUNS}|pr(?:üf|uef)stand|rig|motor|unit|sn|serial|nr|no)"
     rf"(?:{_MACHINE_NUMBER}|[ _-][a-z])|{_CODE}"
 )
 """Names of folders, and words of classes, that stand for a machine."""
@@ -82,12 +82,14 @@ class PathClasses:
     """Numbers with a unit that are parts of the classes in file names."""
     unused_levels: frozenset[str] = frozenset()
     """Numbers in file names that differ and may be parts of classes, but are not used."""
+    unclear_machines: tuple[str, ...] = ()
+    """Names of folders beside classes, such as A, that are taken for machines."""
 
     @classmethod
     def find(cls, names: Sequence[str]) -> "PathClasses":
         """Return those of the relative paths of all files."""
         paths = [PurePosixPath(name) for name in names]
-        folders = _find_class_folders(paths)
+        folders, unclear_machines = _find_class_folders(paths)
 
         # A healthy pump has no size of a fault.
         sizes = Counter(
@@ -113,11 +115,13 @@ class PathClasses:
         )
         unused_levels = {number for number, count in unknown.items() if 1 < count < len(names)}
         unused_levels |= levels - used_levels
-        return cls(folders, frozenset(used_levels), frozenset(unused_levels))
+        return cls(
+            folders, frozenset(used_levels), frozenset(unused_levels), tuple(unclear_machines)
+        )
 
 
-def _find_class_folders(paths: Sequence[PurePosixPath]) -> frozenset[str]:
-    """Return the folders whose names with digits, or codes, are classes."""
+def _find_class_folders(paths: Sequence[PurePosixPath]) -> tuple[frozenset[str], list[str]]:
+    """Return (folders whose names with digits, or codes, are classes, codes that may be)."""
     siblings: dict[PurePosixPath, set[PurePosixPath]] = {}
     with_healthy_file: set[PurePosixPath] = set()
     for path in paths:
@@ -129,18 +133,40 @@ def _find_class_folders(paths: Sequence[PurePosixPath]) -> frozenset[str]:
 
     healthy_units = _find_units_of_healthy(paths)
     class_folders: set[str] = set()
+    unclear_machines: dict[str, None] = {}
     for group in siblings.values():
         has_class = any(_is_plain_class(folder.name) for folder in group)
         sized = [folder for folder in group if _find_sizes(folder.name, healthy_units)]
         words_with_size = {word for folder in sized for word in _words_without_digits(folder.name)}
-        for folder in group:
+
+        # Motor1 is no class if Motor2 holds a healthy pump; Stufe1 is one beside Stufe0.
+        healthy_series = {
+            _series_of(folder.name)
+            for folder in group & with_healthy_file
+            if not re.search(r"(?<!\d)0+(?!\d)", folder.name)
+        }
+
+        for folder in sorted(group):
+            # B is a class beside 0.5X_B.
             may_be_class = _may_be_class(folder.name) or folder.name in words_with_size
             is_class = folder in sized or (has_class and may_be_class)
+
             # The folder of a fault, or of its size, holds no healthy pump.
-            is_healthy_folder = folder in with_healthy_file or _names_healthy(folder.name)
-            if is_class and not is_healthy_folder and not _is_plain_class(folder.name):
+            is_in_series = folder not in sized and _series_of(folder.name) in healthy_series
+            holds_healthy = folder in with_healthy_file or is_in_series
+            if holds_healthy or _names_healthy(folder.name) or _is_plain_class(folder.name):
+                continue
+
+            if is_class:
                 class_folders.add(str(folder))
-    return frozenset(class_folders)
+            elif has_class and re.fullmatch(_CODE, folder.name):
+                unclear_machines[folder.name] = None
+    return frozenset(class_folders), list(unclear_machines)
+
+
+def _series_of(folder_name: str) -> str:
+    """Return the name of a folder without its numbers, or without its letter if it is a code."""
+    return re.sub(r"\d+", "#", "#" if re.fullmatch(r"[A-Z]", folder_name) else folder_name)
 
 
 def _find_units_of_healthy(paths: Iterable[PurePosixPath]) -> set[str]:
@@ -278,6 +304,19 @@ def number_notes(entries: Iterable[Mapping[str, Any]], classes: PathClasses) -> 
     )
     remedy = "If they are not part of the class, specify it with {label_pattern}."
     return [Finding("numbered_classes", "note", None, message, remedy)]
+
+
+def unclear_machine_notes(classes: PathClasses) -> list[Finding]:
+    """Return a note about folders beside classes that were taken for machines."""
+    if not classes.unclear_machines:
+        return []
+
+    message = (
+        f"the folders {join_names(classes.unclear_machines, _MAX_LISTED_CLASSES)} stand beside "
+        "classes and were read as machines (specimen)."
+    )
+    remedy = "If they are classes, specify them as (?P<label>...) in {label_pattern}."
+    return [Finding("unclear_machines", "note", None, message, remedy)]
 
 
 def unused_number_notes(classes: PathClasses) -> list[Finding]:

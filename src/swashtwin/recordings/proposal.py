@@ -42,6 +42,7 @@ from swashtwin.recordings.path_labels import (
     PathClasses,
     machine_code_notes,
     number_notes,
+    unclear_machine_notes,
     unused_number_notes,
 )
 from swashtwin.recordings.scaling import resolve_scaling
@@ -177,6 +178,7 @@ def propose_index(
             survey.update_label_facts()
         notes += machine_notes
         notes += number_notes(survey.entries, survey.path_classes)
+        notes += unclear_machine_notes(survey.path_classes)
         notes += unused_number_notes(survey.path_classes)
         notes += machine_code_notes(survey.entries)
     labels = [entry.get("label") for entry in survey.entries]

@@ -16,13 +16,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int, Int64, Shaped
 
 from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
-from swashtwin.diagnosis.changed_sensors import describe_changed_sensors
+from swashtwin.diagnosis.changed_sensors import HealthyComparison, describe_mismatch
 from swashtwin.diagnosis.prior_head import (
     MIN_LINE_CHANGE,
     UNKNOWN_RATE,
     PriorHead,
     VirtualChanges,
-    find_other_speed,
+    compute_order_spectrum,
     fit_head,
     order_band_powers,
 )
@@ -343,17 +343,29 @@ class PriorClassifier:
             The recording cannot be used, or its machine or operating point has no healthy
             recording.
         """
+        comparison, notes = self._compare(recording)
+        return comparison.change, notes
+
+    def _compare(self, recording: Recording) -> tuple[HealthyComparison, tuple[str, ...]]:
+        """Return the comparison with healthy recordings, and notes. Errors: see `change`."""
         self._require_comparable(recording, self.unit)
         references, notes = self._find_references(recording)
-
         healthy_mean = self.band_powers[references].mean(axis=0)
-        change = order_band_powers(recording, self.bands) - healthy_mean
+
+        spectrum = compute_order_spectrum(recording, self.bands)
+        change = spectrum.band_powers(spectrum.refine_speed()) - healthy_mean
         is_measured = np.isfinite(self.band_powers).all(axis=0)
         if np.isnan(change[is_measured]).any():
             raise DataError(
                 f"{recording.recording_id} is sampled at a lower rate than the healthy recordings."
             )
-        return np.where(is_measured, change, 0.0), notes
+        comparison = HealthyComparison(
+            change=np.where(is_measured, change, 0.0),
+            spectrum=spectrum,
+            healthy_mean=healthy_mean,
+            n_references=references.size,
+        )
+        return comparison, notes
 
     def predict_proba(
         self, recordings: Sequence[Recording]
@@ -381,9 +393,8 @@ class PriorClassifier:
         )
         try:
             with recording.loaded():
-                change, notes = self.change(recording)
+                comparison, notes = self._compare(recording)
                 notes = (*notes, *describe_sensor_doubts(recording))
-                speed_ratio = find_other_speed(recording, self.bands)
                 content = recording.content_hashes()
         except DataError as cause:
             return replace(diagnosis, no_verdict=str(cause))
@@ -393,12 +404,11 @@ class PriorClassifier:
             )
             notes = (note, *notes)
 
-        probability = head.predict_proba(change[None])[0]
+        probability = head.predict_proba(comparison.change[None])[0]
         label = self.classes[int(probability[:-1].argmax())]
-        reasons = self._describe_doubts(recording, change, probability, speed_ratio)
+        reasons = self._describe_doubts(recording, comparison, probability)
         notes = (*reasons[1:], *notes)
 
-        n_references = len(self._find_references(recording)[0])
         return replace(
             diagnosis,
             label=label,
@@ -406,8 +416,8 @@ class PriorClassifier:
             probabilities=dict(zip(self.classes, probability.tolist(), strict=True)),
             score=1 - float(probability[0]),
             p_value=head.p_value(float(probability[-1])),
-            basis=plural(n_references, "healthy recording") + " of the machine",
-            n_basis=n_references,
+            basis=plural(comparison.n_references, "healthy recording") + " of the machine",
+            n_basis=comparison.n_references,
             reasons=reasons,
             notes=notes,
         )
@@ -415,27 +425,19 @@ class PriorClassifier:
     def _describe_doubts(
         self,
         recording: Recording,
-        change: Float64[np.ndarray, "channel level"],
+        comparison: HealthyComparison,
         probability: Float64[np.ndarray, " class"],
-        speed_ratio: float | None,
     ) -> tuple[str, ...]:
-        """Return why a recording is unknown; nothing if it is not.
-
-        Parameters
-        ----------
-        speed_ratio : as of `find_other_speed`.
-        """
+        """Return why a recording is unknown; nothing if it is not."""
         head = self._require_adapted()
-        scatter = head.scale.reshape(change.shape)
-        sensor_reasons = describe_changed_sensors(change, scatter, self.bands, self.channels)
-        if sensor_reasons:
-            return sensor_reasons
-        if speed_ratio is not None:
-            speed = 60 * speed_ratio * require_shaft_frequency(recording)
-            return (
-                f"The lines of the piston passes are those of {speed:.4g} rev/min, not of the "
-                "specified speed. Correct the speed or the sample rate in the index.",
-            )
+        mismatch = describe_mismatch(
+            comparison,
+            head.scale.reshape(comparison.change.shape),
+            self.channels,
+            60 * require_shaft_frequency(recording),
+        )
+        if mismatch:
+            return mismatch
 
         label = self.classes[int(probability[:-1].argmax())]
         label_text = label.replace("_", " ")
@@ -447,7 +449,7 @@ class PriorClassifier:
                 f"resembles {label_text} most.",
             )
 
-        line_change = head.line_change(change, self.bands)
+        line_change = head.line_change(comparison.change, self.bands)
         if label != self.classes[0] and line_change <= MIN_LINE_CHANGE:
             return (
                 f"The lines changed by {line_change:.2g} healthy standard deviations on average "

@@ -67,14 +67,55 @@ _N_UNITS = 64
 _N_EPOCHS = 24
 
 
-def order_band_powers(
-    recording: Recording, bands: OrderBands
-) -> Float64[np.ndarray, "channel level"]:
-    """Return the powers of each channel in bands of orders [log10 of the squared unit].
+@dataclass(frozen=True, eq=False)
+class OrderSpectrum:
+    """Power of a recording over shaft orders, if its shaft turns as fast as specified."""
 
-    They come from power densities (Welch, Hann taper) of eight turns each. The lines of the piston
-    passes show the speed more exactly than the recording specifies it, and orders refer to the
-    speed that they show. Powers of bands beyond half the sample rate are NaN.
+    power: Float64[np.ndarray, "channel cell"]
+    """Power of each channel in cells of the order axis [squared unit]."""
+    order_width: float
+    """Width of a cell [shaft orders]."""
+    bands: OrderBands
+    """Bands of orders in which the power is summed."""
+
+    def band_powers(self, speed_ratio: float) -> Float64[np.ndarray, "channel level"]:
+        """Return the powers of each channel in the bands [log10 of the squared unit].
+
+        Powers of bands beyond half the sample rate are NaN.
+
+        Parameters
+        ----------
+        speed_ratio : speed to which orders refer, over the specified one.
+        """
+        return self.bands.log_powers(self.power, self.order_width / speed_ratio)
+
+    def refine_speed(self) -> float:
+        """Return the speed near the specified one, over it, at which the passes are strongest."""
+        ratios = 1 + np.linspace(-_MAX_SPEED_DEVIATION, _MAX_SPEED_DEVIATION, _N_SPEED_CANDIDATES)
+        return float(ratios[self._pass_levels(ratios).argmax()])
+
+    def find_other_speed(self) -> float | None:
+        """Return the speed, over the specified one, that the passes show; None if they fit."""
+        ratios = 1 + np.linspace(-_MAX_OTHER_SPEED, _MAX_OTHER_SPEED, _N_OTHER_SPEEDS)
+        levels = self._pass_levels(ratios)
+
+        is_specified = np.abs(ratios - 1) <= SPEED_TOLERANCE
+        index = int(np.where(is_specified, -np.inf, levels).argmax())
+        rise_db = 10 * (levels[index] - levels[is_specified].max())
+        return float(ratios[index]) if rise_db >= _MIN_OTHER_RISE_DB else None
+
+    def _pass_levels(self, ratios: Float64[np.ndarray, " speed"]) -> Float64[np.ndarray, " speed"]:
+        """Return the mean log10 power at the piston passes if the speed is each of some ratios."""
+        pass_orders = np.arange(1, self.bands.passes + 1) * self.bands.piston_count
+        level = np.log10(np.maximum(self.power, 1e-30)).mean(axis=0)
+        cells = ratios[:, None] * pass_orders / self.order_width
+        return np.asarray(np.interp(cells, np.arange(level.size), level).mean(axis=1))
+
+
+def compute_order_spectrum(recording: Recording, bands: OrderBands) -> OrderSpectrum:
+    """Return the order spectrum of a recording.
+
+    It comes from power densities (Welch, Hann taper) of eight turns each.
 
     Raises
     ------
@@ -82,14 +123,6 @@ def order_band_powers(
         The recording cannot be used, is shorter than eight turns, does not specify its speed, or
         its rate is too low for the first bands.
     """
-    power, order_width = _order_spectrum(recording, bands)
-    return bands.log_powers(power, order_width / _speed_ratio(power, order_width, bands))
-
-
-def _order_spectrum(
-    recording: Recording, bands: OrderBands
-) -> tuple[Float64[np.ndarray, "channel cell"], float]:
-    """Return the power in cells of the order axis, and the width of a cell [shaft orders]."""
     shaft = require_shaft_frequency(recording)
     rate = float(recording.sample_rate)
     max_frequency = _MIN_PASSES * bands.piston_count * shaft
@@ -101,43 +134,21 @@ def _order_spectrum(
 
     length = scipy.fft.next_fast_len(math.ceil(TURNS * rate / shaft), real=True)
     line_width = rate / length
-    return recording_density(recording, length) * line_width, line_width / shaft
+    power = recording_density(recording, length) * line_width
+    return OrderSpectrum(power, line_width / shaft, bands)
 
 
-def find_other_speed(recording: Recording, bands: OrderBands) -> float | None:
-    """Return the speed, over the specified one, that the piston passes show; None if they fit.
+def order_band_powers(
+    recording: Recording, bands: OrderBands
+) -> Float64[np.ndarray, "channel level"]:
+    """Return the powers of each channel in bands of orders [log10 of the squared unit].
 
-    Errors: see `order_band_powers`.
+    The lines of the piston passes show the speed more exactly than the recording specifies it, and
+    orders refer to the speed that they show. Powers of bands beyond half the sample rate are NaN.
+    Errors: see `compute_order_spectrum`.
     """
-    power, order_width = _order_spectrum(recording, bands)
-    ratios = 1 + np.linspace(-_MAX_OTHER_SPEED, _MAX_OTHER_SPEED, _N_OTHER_SPEEDS)
-    levels = _pass_levels(power, order_width, bands, ratios)
-
-    is_specified = np.abs(ratios - 1) <= SPEED_TOLERANCE
-    index = int(np.where(is_specified, -np.inf, levels).argmax())
-    rise_db = 10 * (levels[index] - levels[is_specified].max())
-    return float(ratios[index]) if rise_db >= _MIN_OTHER_RISE_DB else None
-
-
-def _speed_ratio(
-    power: Float64[np.ndarray, "channel cell"], order_width: float, bands: OrderBands
-) -> float:
-    """Return the speed over the specified one at which the piston passes are strongest."""
-    ratios = 1 + np.linspace(-_MAX_SPEED_DEVIATION, _MAX_SPEED_DEVIATION, _N_SPEED_CANDIDATES)
-    return float(ratios[_pass_levels(power, order_width, bands, ratios).argmax()])
-
-
-def _pass_levels(
-    power: Float64[np.ndarray, "channel cell"],
-    order_width: float,
-    bands: OrderBands,
-    ratios: Float64[np.ndarray, " speed"],
-) -> Float64[np.ndarray, " speed"]:
-    """Return the mean log10 power at the piston passes if the speed is each of some ratios."""
-    pass_orders = np.arange(1, bands.passes + 1) * bands.piston_count
-    level = np.log10(np.maximum(power, 1e-30)).mean(axis=0)
-    cells = ratios[:, None] * pass_orders / order_width
-    return np.asarray(np.interp(cells, np.arange(level.size), level).mean(axis=1))
+    spectrum = compute_order_spectrum(recording, bands)
+    return spectrum.band_powers(spectrum.refine_speed())
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,6 +106,8 @@ def test_one_number_of_nines_in_the_file_marks_a_missing_value(
     assert "spikes" not in findings_of(recording)
     with pytest.raises(DataError, match="a mark of missing values"):
         require_usable(recording)
+    (sensor,) = check_sensors(recording)
+    assert f": {value * factor:.6g}, a mark of missing values" in sensor.sentence
 
 
 def test_pulses_between_two_levels_are_named_for_what_they_are() -> None:

@@ -38,7 +38,8 @@ _G_IN_SI_DB = 20 * math.log10(9.80665)
 _UNIT_TOLERANCE_DB = 0.7
 
 # Share of a channel that no other channel explains, as -10 log10, from which one signal may be
-# recorded twice [dB]: a correlation of 0.99.
+# recorded twice [dB]: a correlation of 0.99. This rule compares with the training, in which sensors
+# beside each other may well correlate by more; `find_doubled_channels` needs no training.
 _DUPLICATE_SIMILARITY_DB = 17.0
 
 UNNAMED_MACHINE = "this machine"

@@ -76,12 +76,18 @@ def low_passed(signal: np.ndarray) -> np.ndarray:
     return scipy.signal.lfilter(b, a, signal, axis=1)
 
 
-def doubled(gain: float, offset: float, delay: int = 0) -> Change:
-    """Return a change that shows the signal of the second channel in the first, too."""
+def doubled(gain: float, offset: float, delay: int = 0, noise: float = 0.0) -> Change:
+    """Return a change that shows the signal of the second channel in the first, too.
+
+    Parameters
+    ----------
+    noise : standard deviation of the first input's noise, over that of the signal.
+    """
 
     def changed(signal: np.ndarray) -> np.ndarray:
         late = np.roll(signal[1:2], delay, axis=1)
-        return np.vstack([gain * late + offset, signal[1:]])
+        hiss = noise * late.std() * random_stream(0, "input").normal(size=late.shape)
+        return np.vstack([gain * (late + hiss) + offset, signal[1:]])
 
     return changed
 
@@ -109,6 +115,7 @@ FAULTS = {
     "doubled": ("equal", doubled(1.0, 0.0)),
     "doubled with another gain": ("equal", doubled(0.7, 3.0)),
     "doubled and inverted": ("equal", doubled(-1.0, 0.0)),
+    "doubled, with noise of its input": ("equal", doubled(1.0, 0.0, noise=0.02)),
     "doubled, one sample late": ("equal", doubled(1.0, 0.0, delay=1)),
     "doubled, five samples late, with another gain": ("equal", doubled(-0.4, 2.0, delay=5)),
     "lost high frequencies": ("muffled", first(low_passed)),

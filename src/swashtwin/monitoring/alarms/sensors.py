@@ -42,7 +42,12 @@ DEFAULT_TURN_S = 0.1
 MIN_TURNS = 8
 """Minimum number of turns for the power below the shaft frequency, and of orders for lines."""
 EQUAL_CORRELATION = 0.999
-"""Correlation of two channels, in magnitude, that two separate sensors never reach."""
+"""Correlation of two channels, in magnitude, that two separate sensors never reach.
+
+It is a weaker rule than `find_doubled_channels`, which compares steps in the middle: one sensor at
+two inputs with noise of their own is equal here, and not there. Without it, the alarms would learn
+from such a recording and test it as two sensors, and their measured error rates hold with it.
+"""
 DEAD_RATIO = 1e-4
 """Standard deviation of a channel, over that of the loudest one, that is nothing but noise."""
 SILENT_FALL_DB = 8.0
@@ -102,8 +107,9 @@ def check_sensors(recording: Recording) -> tuple[SensorFinding, ...]:
     turn_length = max(round(recording.sample_rate * (1 / turn_frequency)), 1)
 
     findings = []
-    for name, row in zip(recording.channels, recording.signal, strict=True):
-        finding = _check_channel(name, row, flat_length, turn_length)
+    factors = recording.samples.factors
+    for name, row, factor in zip(recording.channels, recording.signal, factors, strict=True):
+        finding = _check_channel(name, row, factor, flat_length, turn_length)
         if finding is not None:
             findings.append(finding)
     if findings:
@@ -116,8 +122,15 @@ def check_sensors(recording: Recording) -> tuple[SensorFinding, ...]:
 
 
 def _check_channel(
-    name: str, row: Float[np.ndarray, " time"], flat_length: int, turn_length: int
+    name: str, row: Float[np.ndarray, " time"], factor: float, flat_length: int, turn_length: int
 ) -> SensorFinding | None:
+    """Return the first thing that is wrong with a channel.
+
+    Parameters
+    ----------
+    factor : by which the numbers of the file were multiplied.
+    flat_length, turn_length : samples that count as flat, and of a turn.
+    """
     flat_share = _flat_share(row, flat_length)
     if flat_share >= FLAT_SHARE:
         return SensorFinding(
@@ -126,8 +139,8 @@ def _check_channel(
 
     outliers = find_outliers(row)
     if outliers is not None:
-        mark = outliers.mark(1.0)
-        kind = "spikes" if mark is None else f"all {mark:.6g}, missing values"
+        mark = outliers.mark(factor)
+        kind = "spikes" if mark is None else f"{mark:.6g}, a mark of missing values"
         return SensorFinding(
             "spikes",
             name,

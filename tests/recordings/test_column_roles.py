@@ -235,6 +235,8 @@ def test_places_whose_names_are_also_quantities_are_vibrations(
         (("x", "y", "z", "roll"), ("x", "y", "z")),
         (("ax", "lat", "long"), ("ax",)),
         (("ax", "hub"), ("ax",)),
+        (("acc_DE", "lat", "long"), ("acc_DE",)),
+        (("vib_DE", "load", "level"), ("vib_DE",)),
     ],
 )
 def test_quantities_are_left_out_beside_vibrations(
@@ -253,6 +255,8 @@ PARTS_BESIDE_VIBRATIONS = [
     *(("vib", "Kupplung", "Lüfter"), ("vib", "Kegelrad", "Ritzel"), ("acc", "Kolben", "Zylinder")),
     *(("acc", "blade", "tower", "nacelle"), ("acc", "Antriebsseite", "Abtriebslager")),
     *(("acc1", "Gearbox_HSS", "Gearbox_LSS"), ("acc", "planet", "sun"), ("vib", "Dach", "Wand")),
+    *(("vib_DE", "Position 1", "Position 2"), ("acc Motor", "Hub left"), ("acc", "Schwungrad")),
+    *(("vib", "Lagerbock", "Tisch"), ("vib NDE", "Level A", "Charge pump")),
 ]
 
 

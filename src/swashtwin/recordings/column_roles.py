@@ -162,7 +162,8 @@ def _require_no_unclear_name(roles: Mapping[str, Role], source_name: str) -> Non
     """Refuse columns whose names are words of unknown meaning beside those of vibrations."""
     unclear = []
     for name, role in roles.items():
-        if role.kind is RoleKind.candidate and not (is_name_empty(name) or names_place(name)):
+        is_clear = role.place is not None or is_name_empty(name) or names_place(name)
+        if role.kind is RoleKind.candidate and not is_clear:
             unclear.append(name)
     if unclear:
         raise _undecided(roles, unclear, source_name)
@@ -199,24 +200,27 @@ def _without_braces(text: str) -> str:
 
 
 def _roles_of(raw: RawFile, options: ReadOptions) -> dict[str, Role]:
-    """Return the role of each column; names that may be those of places by the other columns."""
+    """Return the role of each column; the others decide about names that may be those of places.
+
+    "Position 1" beside "Motor DE" is a place, and a quantity beside the axes of an accelerometer.
+    """
     roles = {name: _role_of(raw, options, name) for name in raw.columns}
-    candidates = [name for name, role in roles.items() if role.kind is RoleKind.candidate]
+    signal_kinds = (RoleKind.vibration, RoleKind.candidate)
+    signals = [name for name, role in roles.items() if role.kind in signal_kinds]
     has_vibrations = any(role.kind is RoleKind.vibration for role in roles.values())
-    are_places = bool(candidates) and all(map(names_machine_place, candidates))
+    are_places = bool(signals) and all(
+        names_machine_place(name) and axis_stem(name) is None for name in signals
+    )
     for name, role in roles.items():
-        if role.place is None:
+        if role.place is None or (signals and not are_places):
             continue
 
-        is_numbered = role.place is PlaceSupport.number
-        if has_vibrations or (candidates and not are_places):
-            kind = RoleKind.other
-        elif is_numbered or (are_places and role.place is PlaceSupport.part):
-            kind = RoleKind.candidate
-        else:
-            # Beside places, a load may be measured, or the side of the load.
-            kind = RoleKind.doubtful if are_places else RoleKind.other
-        roles[name] = role._replace(kind=kind)
+        is_part = role.place is PlaceSupport.part and are_places and not has_vibrations
+        if is_part or role.place is PlaceSupport.number:
+            roles[name] = role._replace(kind=RoleKind.candidate)
+        elif are_places:
+            # A load may be measured, or the side of the load.
+            roles[name] = role._replace(kind=RoleKind.doubtful)
     return roles
 
 

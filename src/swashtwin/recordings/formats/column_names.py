@@ -211,6 +211,23 @@ def names_sensor(name: str) -> bool:
     return known and (name_words == ["id"] or not _SENSOR_WORDS.isdisjoint(name_words))
 
 
+# Headings of text tables that leave little doubt: "channel" alone may be a signal there.
+_ROW_SENSOR = re.compile(
+    r"(?:sensor|channel|node|device|module|ch|addr\w*)?[ _]?(?:id|no|nr)|sensor|node", re.IGNORECASE
+)
+
+
+def names_row_sensor(heading: str) -> bool:
+    """Return whether a heading is that of a column with the sensor of each row.
+
+    Examples
+    --------
+    >>> names_row_sensor("Sensor_ID"), names_row_sensor("Nr"), names_row_sensor("channel")
+    (True, True, False)
+    """
+    return _ROW_SENSOR.fullmatch(heading) is not None
+
+
 # ---- other quantities
 
 _SOUND = r"mic(?:rophone|s)?|mikrofon|mikro|sound|audio|schall|schalldruck|spl"
@@ -620,7 +637,7 @@ _DIRECTION_WORDS = {
     *("lateral", "longitudinal", "transverse", "trans", "vorne", "hinten", "links", "rechts"),
     *("oben", "unten", "innen", "außen", "aussen", "seite", "quer", "längs", "seitlich", "mitte"),
     *("north", "south", "east", "west", "middle", "center", "upper", "lower", "hss"),
-    *("lss", "ims", "vertikal", "tangentiell", "near", "far"),
+    *("lss", "ims", "vertikal", "tangentiell", "near", "far", "out"),
 }
 
 # Words of parts of machines, and of their sensors.
@@ -641,7 +658,16 @@ _PART_WORDS = {
     *("saugseite", "druckseite", "antrieb", "abtrieb", "fundament", "sensor", "sensors", "imu"),
     *("kupplung", "lüfter", "verdichter", "ventilator", "gebläse", "läufer", "ständer", "rad"),
     *("laufrad", "tragrolle", "spindel", "walze", "rolle", "zylinder", "kolben", "ventil"),
-    *("ritzel", "stirnrad", "kegelrad", "rotorblatt", "schaufel", "pleuel", "nocken"),
+    *(
+        "ritzel",
+        "stirnrad",
+        "kegelrad",
+        "rotorblatt",
+        "schaufel",
+        "schwungrad",
+        "schlitten",
+        "tisch",
+    ),
     *("zahnrad", "riemen", "kette", "trommel", "mühle", "brecher", "turm", "gondel", "nabe"),
     *("flügel", "schnecke", "mutter", "düse", "dach", "wand", "decke", "boden", "rohr", "rahmen"),
     *("träger", "bett", "sockel", "fuß", "fuss", "halter", "gelenk", "wicklung", "kern"),
@@ -652,7 +678,8 @@ _PART_WORDS = {
 # German compounds that end with a part or a side, such as Antriebsseite or Kegelrad.
 _PART_COMPOUND = re.compile(
     r"\w+(?:seite|lager|welle|pumpe|motor|getriebe|gehäuse|flansch|deckel|platte|walze|kupplung"
-    r"|zylinder|kolben|ventil|block|bearing|shaft|wheel|pump|gear|plate|(?<!g)rad)"
+    r"|zylinder|kolben|ventil|block|bock|tisch|stütze|schlitten|stück|scheibe|spindel|(?<!g)rad"
+    r"|bearing|shaft|wheel|pump|gear|plate)"
 )
 
 # Words of the axes of a sensor, which say nothing of its place.

@@ -16,6 +16,7 @@ from swashtwin.recordings.formats.column_names import (
     is_sensor_unit,
     may_name_signal,
     meaning_of_unit,
+    names_row_sensor,
     names_signal,
     parse_time_name,
 )
@@ -69,11 +70,6 @@ _TAIL_LINES = 40
 
 # More different texts in a column are not names of sensors.
 _MAX_SENSORS = 8
-
-# Headings of columns that name the sensor of a row.
-_SENSOR_NAME = re.compile(
-    r"(?:sensor|channel|node|device|module|ch|addr\w*)?[ _]?(?:id|no|nr)|sensor|node", re.IGNORECASE
-)
 
 # A number that is written as "1.234 g", "[1.234]", "(1.234)", "x=1.234" or "'1.234'".
 _PLAIN_NUMBER = r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?"
@@ -271,7 +267,7 @@ class Dialect:
         rows = [split_line(line, self.separator) for line in lines[self.start :] if line.strip()]
         headings = self.header[0] if self.header else [""] * len(self.kinds)
         for column, kind in enumerate(self.kinds):
-            is_named = _SENSOR_NAME.fullmatch(headings[column]) is not None
+            is_named = names_row_sensor(headings[column])
             may_be_number = column == 0 and not self.header
             if kind is not Kind.text and not is_named and not may_be_number:
                 continue

@@ -271,7 +271,7 @@ def test_evaluate_excludes_copies_and_reports_the_share_of_unknown_recordings(
     unknown_share = answer["confidence"]["called_unknown"]
     unknown = answer["confidence"]["unknown"]
 
-    assert "excluded: recording normal_9, a copy of normal_1, altered or not," in notes
+    assert "excluded: recording normal_9, of the same measurement as normal_1," in notes
     assert unknown_share > 0
     assert len(unknown) == unknown_share * answer["n_recordings"]
     share_and_names = f"{unknown_share:.0%} of these recordings as unknown ({', '.join(unknown)})"

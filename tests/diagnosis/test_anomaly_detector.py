@@ -317,7 +317,10 @@ def test_a_fault_and_a_copy_among_the_healthy_recordings_are_detected(
         st.AnomalyDetector().fit([*healthy, recording("p", label="piston")])
 
     detector = st.AnomalyDetector().fit([*healthy, healthy[0].replace(recording_id="z")])
-    assert detector.notes_ == ("z holds the same samples as h0 and is excluded.",)
+    assert detector.notes_ == (
+        "z holds samples of the same measurement as h0 (altered, overlapping or equal); "
+        "excluded from the baseline.",
+    )
     assert "proves nothing" in detector.diagnose(healthy[0]).notes[0]
 
 
@@ -330,7 +333,8 @@ def test_notes_on_many_excluded_recordings_are_one_for_each_kind(
     copy_note, single_note = st.AnomalyDetector().fit([*healthy, *copies, *singles]).notes_
 
     assert copy_note == (
-        "5 recordings hold the same samples as others and are excluded: z0, z1, z2 and 2 more."
+        "5 recordings, z0, z1, z2 and 2 more, hold samples of the same measurements as others "
+        "(altered, overlapping or equal); excluded from the baseline."
     )
     assert single_note == (
         "4 recordings are the only ones at their operating points and are excluded: s0, s1, s2 and "

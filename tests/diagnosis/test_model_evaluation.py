@@ -145,7 +145,7 @@ def test_the_command_names_what_it_excludes_and_the_denominators(
     notes = " ".join(result.stderr.split())
     assert "excluded: 1 recording made by a model (made)" in notes
     assert "excluded: 2 recordings that the model was trained on (copy, normal 0)" in notes
-    assert "excluded: recording copy, a copy of normal 1, altered or not, had a part" in notes
+    assert "excluded: recording copy, of the same measurement as normal 1, had a part" in notes
     assert "excluded: 1 recording without a class (open)" in notes
     classes = "excluded: 2 recordings of classes that the model was not trained on, swash plate"
     assert f"{classes} (other part, other part 2)" in notes

@@ -103,4 +103,4 @@ def test_a_duplicate_recording_is_reported():
     duplicate = replace(measured, recording_id=names, content=renamed).subset(is_first)
     (note,) = prepare_training_data(measured + duplicate).notes
 
-    assert "normal-9 is a copy of normal-0" in note
+    assert "normal-9 holds samples of the same measurement as normal-0" in note

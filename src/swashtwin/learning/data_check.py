@@ -24,6 +24,7 @@ from swashtwin.recordings import (
     InspectionReport,
     Recording,
     describe_conditions,
+    describe_duplicates,
     find_duplicates,
     inspect_recordings,
     recording_groups,
@@ -207,8 +208,7 @@ def _notes(
                 "measurement of a real pump."
             )
 
-    for name, original in copies.items():
-        notes.append(f"{name} is a copy of {original}, altered or not, and is not counted.")
+    notes += describe_duplicates(copies, "not counted.")
     return notes
 
 

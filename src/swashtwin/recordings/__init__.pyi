@@ -52,6 +52,7 @@ from .inspection import inspect_recordings as inspect_recordings
 from .manifest import Manifest as Manifest
 from .manifest import build_manifest as build_manifest
 from .manifest import describe_copies as describe_copies
+from .manifest import describe_duplicates as describe_duplicates
 from .manifest import find_copies as find_copies
 from .manifest import find_duplicates as find_duplicates
 from .manifest import find_exact_copies as find_exact_copies

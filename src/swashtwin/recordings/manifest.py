@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from swashtwin.recordings.findings import join_names
 from swashtwin.recordings.fingerprints import (
     FINGERPRINT_MARK,
     compute_fingerprints,
@@ -162,15 +163,41 @@ def describe_copies(copies: Mapping[str, str]) -> str:
     Examples
     --------
     >>> describe_copies({"new": "a", "b": "b"})
-    'recording new, a copy of a, altered or not, and 1 more'
+    'recording new, of the same measurement as a, and 1 more'
     """
     name, original = next(iter(copies.items()))
     text = f"recording {name}"
     if name != original:
-        text += f", a copy of {original}, altered or not,"
+        text += f", of the same measurement as {original},"
     if len(copies) > 1:
         text += f" and {len(copies) - 1} more"
     return text
+
+
+def describe_duplicates(duplicates: Mapping[str, str], consequence: str) -> list[str]:
+    """Return a note on the result of `find_duplicates`; none if there is no duplicate.
+
+    Parameters
+    ----------
+    consequence : rest of the sentence.
+
+    Examples
+    --------
+    >>> describe_duplicates({"b": "a"}, "not counted.")
+    ['b holds samples of the same measurement as a (altered, overlapping or equal); not counted.']
+    """
+    if not duplicates:
+        return []
+    if len(duplicates) == 1:
+        ((name, original),) = duplicates.items()
+        subject = f"{name} holds samples of the same measurement as {original}"
+    else:
+        names = join_names(list(duplicates))
+        subject = (
+            f"{len(duplicates)} recordings, {names}, hold samples of the same measurements as "
+            "others"
+        )
+    return [f"{subject} (altered, overlapping or equal); {consequence}"]
 
 
 def _first_match(hashes: Iterable[str], names: Mapping[str, str]) -> str | None:

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,6 +32,7 @@ from swashtwin.recordings import (
     Manifest,
     Recording,
     build_manifest,
+    describe_duplicates,
     find_duplicates,
     join_names,
     layout_findings,
@@ -195,7 +196,7 @@ def measure_baseline(
     # A copy would count as agreement between recordings, and narrow the spread.
     manifest = build_manifest(recordings)
     duplicates = find_duplicates(manifest)
-    notes = _describe_duplicates(duplicates)
+    notes = describe_duplicates(duplicates, "excluded from the baseline.")
     distinct = [recording for recording in recordings if recording.recording_id not in duplicates]
 
     speed, pressure = _merged_conditions(distinct)
@@ -265,18 +266,4 @@ def _comparable_rows(
         return rows, [note]
     return rows, [
         f"{name} is the only one at {point} and is excluded." for name, point in singles.items()
-    ]
-
-
-def _describe_duplicates(duplicates: Mapping[str, str]) -> list[str]:
-    """Return a note on copies, which are excluded; none without a copy."""
-    if len(duplicates) > 1:
-        note = (
-            f"{len(duplicates)} recordings hold the same samples as others and are excluded: "
-            f"{join_names(list(duplicates))}."
-        )
-        return [note]
-    return [
-        f"{name} holds the same samples as {first} and is excluded."
-        for name, first in duplicates.items()
     ]

@@ -22,10 +22,10 @@ from swashtwin.learning.windows.window_set import WindowSet, require_shared_spee
 from swashtwin.recordings import (
     Manifest,
     describe_copies,
+    describe_duplicates,
     find_copies,
     find_duplicates,
     join_manifests,
-    join_names,
 )
 
 
@@ -125,7 +125,9 @@ def prepare_training_data(
     validation = data.validation
     if validation is not None:
         validation = validation.with_classes(training.classes)
-    notes = (*data.notes, *_duplicate_notes(measured))
+    duplicates = find_duplicates(measured.recordings)
+    advice = "keep one of them, or it counts twice."
+    notes = (*data.notes, *describe_duplicates(duplicates, advice))
     return replace(data, training=training, validation=validation, notes=notes)
 
 
@@ -203,17 +205,3 @@ def _add_synthetic(measured: WindowSet, synthetic: Sequence[WindowSet]) -> Windo
         require_shared_speed(measured, windows)
         combined = combined + windows.with_classes(classes)
     return combined
-
-
-def _duplicate_notes(windows: WindowSet) -> list[str]:
-    duplicates = find_duplicates(windows.recordings)
-    if len(duplicates) > 1:
-        note = (
-            f"{len(duplicates)} recordings hold the same samples as others "
-            f"({join_names(list(duplicates))}); keep one of each, or it counts twice."
-        )
-        return [note]
-    return [
-        f"{name} is a copy of {original}, altered or not; keep one of them, or it counts twice."
-        for name, original in duplicates.items()
-    ]

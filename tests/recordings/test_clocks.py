@@ -414,3 +414,22 @@ def test_ticks_without_a_unit_ask_for_it_or_for_the_rate(tmp_path: Path) -> None
         load_recording(path, unit="g")
 
     assert refusal.value.field in ("time_unit", "sample_rate")
+
+
+@pytest.mark.parametrize(("rate", "period"), [(10_000, 500), (1000, 300), (20_000, 1100)])
+def test_samples_that_are_lost_now_and_then_lower_no_rate(
+    tmp_path: Path, rate: int, period: int
+) -> None:
+    counts = np.arange(8000)
+    counts = counts[counts % period != 7]
+    path = write_table(tmp_path / "a.csv", {"time (s)": counts / rate, "a": vibration(len(counts))})
+    recording = load_recording(path, unit="g")
+    assert recording.sample_rate == rate
+    assert "differ from the usual" in recording.attributes["time_gaps"]
+
+
+def test_a_clock_that_is_sometimes_read_late_lost_nothing(tmp_path: Path) -> None:
+    times = np.arange(8000) / 1000
+    times[7::300] += 0.6e-3
+    path = write_table(tmp_path / "a.csv", {"time (s)": times, "a": vibration(8000)})
+    assert load_recording(path, unit="g").sample_rate == 1000

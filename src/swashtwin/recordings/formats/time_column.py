@@ -44,6 +44,10 @@ _COUNTER_DIVISORS = (1.0, 1e3, 1e6, 1e9)
 # Share of a counter's period that may be lost as it begins again.
 _MAX_LOST_SHARE = 1e-3
 
+# Share of long steps above which they are losses if the mean step is larger for it. Rarer ones are
+# losses only if the whole time shows each of them.
+_MIN_FREQUENT_SHARE = 0.005
+
 # Steps that are too long from which on times may be written in batches.
 _MIN_BATCHES = 8
 
@@ -285,16 +289,30 @@ def _step_with_losses(
     quanta may as well be a lower rate without losses.
     """
     median_step = _median(steps)
-    lost_share = (steps > 1.5 * median_step).mean()
+    long_share = (steps > 1.5 * median_step).mean()
     is_one_quantum = abs(median_step / quantum - 1) < 1e-6 and steps.min() > 0
-    if lost_share < 0.005 or not (median_step > 4 * quantum or is_one_quantum):
+    if long_share == 0 or not (median_step > 4 * quantum or is_one_quantum):
         return None
-    if is_one_quantum and lost_share > 0.15 and steps.max() < 2.5 * median_step:
+    if is_one_quantum and long_share > 0.15 and steps.max() < 2.5 * median_step:
         return math.nan
 
     is_regular = np.abs(steps - median_step) < _REGULAR_BAND * median_step
     sample_step = float(steps[is_regular].mean())
+    if long_share < _MIN_FREQUENT_SHARE:
+        return sample_step if _long_steps_are_losses(steps, sample_step) else None
     return sample_step if mean_step / sample_step - 1 > 2e-3 else None
+
+
+def _long_steps_are_losses(steps: Float[np.ndarray, " step"], sample_step: float) -> bool:
+    """Return whether the whole time is longer by just the samples that long steps lack.
+
+    A clock that is read late makes a long step too, but a short one follows, and the whole time
+    is that of all samples.
+    """
+    long_steps = steps[steps > 1.5 * sample_step]
+    lacking_in_steps = float((np.round(long_steps / sample_step) - 1).sum())
+    lacking_in_time = float(steps.sum()) / sample_step - steps.size
+    return abs(lacking_in_time - lacking_in_steps) <= max(0.5, 0.1 * lacking_in_steps)
 
 
 def _describe_spacing(

@@ -3,6 +3,7 @@
 import base64
 import threading
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from explored import open_explorer, read_workspace
 from plant import Plant
 from starlette.testclient import TestClient
 
-from swashtwin.diagnosis import load_model
+from swashtwin.diagnosis import load_model, save_classifier
 from swashtwin.explorer import Workspace
 from swashtwin.explorer import pyramid as pyramid_module
 from swashtwin.explorer.excerpts import MAX_WHOLE_VALUES, excerpts
@@ -254,17 +255,40 @@ def test_a_comparison_notes_that_it_is_of_excerpts(long_client: TestClient) -> N
     assert "long: 8 excerpts of 2.62 s each are compared." in comparison["notes"]
 
 
+def write_long(recording: Recording, folder: Path) -> Path:
+    """Write a recording, repeated until it is long, and return its file."""
+    n_copies = 1 + MAX_WHOLE_VALUES // recording.signal.size
+    long = recording.replace(signal=np.tile(recording.signal, (1, n_copies)))
+    return write_recording(long, folder / "worn.h5")
+
+
 def test_a_verdict_notes_that_it_is_on_an_excerpt(plant: Plant, tmp_path: Path) -> None:
     worn = load_recording(plant.worn)
-    n_copies = 1 + MAX_WHOLE_VALUES // worn.signal.size
-    long = worn.replace(signal=np.tile(worn.signal, (1, n_copies)))
-    path = write_recording(long, tmp_path / "worn.h5")
+    path = write_long(worn, tmp_path)
     client = open_explorer(Workspace(path), plant.model)
 
     verdict = client.get("/api/diagnosis", params={"name": worn.recording_id}).json()
 
     assert verdict["verdict"] == load_model(plant.model).diagnose(worn).verdict
     assert verdict["notes"][0] == "The verdict is on 10.2 s in the middle of the recording."
+    assert not any("this very recording" in note for note in verdict["notes"])
+
+
+def test_a_verdict_on_an_excerpt_says_that_the_recording_was_in_the_training(
+    plant: Plant, tmp_path: Path
+) -> None:
+    worn = load_recording(plant.worn)
+    path = write_long(worn, tmp_path)
+    fitted = load_model(plant.model).fitted_
+    trained = replace(fitted, manifest={"original": load_recording(path).content_hashes()})
+    model = tmp_path / "model.safetensors"
+    save_classifier(trained, model)
+    client = open_explorer(Workspace(path), model)
+
+    notes = client.get("/api/diagnosis", params={"name": worn.recording_id}).json()["notes"]
+
+    trained_with = "trained with this very recording, under the name original"
+    assert any(trained_with in note for note in notes), notes
 
 
 def test_a_pyramid_knows_nothing_before_it_is_read_and_everything_afterwards() -> None:

@@ -720,6 +720,7 @@ def test_a_machine_in_names_and_folders_is_the_specimen(
 
 def test_facts_outside_the_pattern_are_still_read_from_the_name(tmp_path: Path) -> None:
     facts = write_tables(tmp_path, "Pumpe_A/Gut_100bar_980rpm_x.csv")
+    del facts["speed"]  # it would override that of the name
 
     proposal = propose_index(
         tmp_path, label_pattern="(?P<label>Gut)_(?P<pressure>\\d+).*(?P<place>x)", **facts
@@ -769,6 +770,60 @@ def test_a_speed_in_the_header_overrides_one_in_the_file_name(tmp_path: Path) ->
     assert specified_shaft_frequency(with_speed) == pytest.approx(25)
     contradiction = with_speed.attributes["contradicted"]
     assert contradiction == "speed = 1500 rpm is specified and counts, the file states 980.0 rpm"
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "origin"),
+    [
+        ("normal_1500rpm_150bar_1", "", "its name"),
+        ("normal_1", "Speed: 1500 rpm\nPressure: 150 bar\n", "the file"),
+        ("normal_980rpm", "Drehzahl;1500 1/min\nDruck [bar];150\n", "the file"),
+        # It is not asked for the unit of a pressure that does not count.
+        ("normal_1", "Speed: 1500 rpm\nPressure: 150\n", "the file"),
+    ],
+)
+def test_a_setting_overrides_name_and_header(
+    name: str, head: str, origin: str, tmp_path: Path
+) -> None:
+    text = f"{head}x;y\n1.5;2.5\n3.5;4.5\n"
+    write_tables(tmp_path, f"{name}.csv", text=text)
+    facts = {"sample_rate": "1 kHz", "unit": "g"}
+
+    proposal = propose_index(tmp_path, speed="860 rpm", pressure="10 MPa", **facts)
+
+    index = proposal.index
+    assert index["defaults"].items() >= {"speed": "860 rpm", "pressure": "10 MPa"}.items()
+    assert index["recording"][0].keys().isdisjoint({"speed", "pressure"})
+    assert "speed: 860 rpm (1), from the settings" in proposal.facts
+    expected = f"{name}.csv: speed = 860 rpm is specified and counts, {origin} states 1500 rpm"
+    (note,) = [note for note in proposal.notes if note.kind == "contradicted"]
+    assert note.message.startswith(expected)
+    assert ("pressure = 10 MPa is specified" in note.message) == (not head.endswith(" 150\n"))
+
+
+def test_a_setting_of_the_same_value_is_not_noted(tmp_path: Path) -> None:
+    facts = write_tables(tmp_path, "normal_150bar_1.csv")
+
+    proposal = propose_index(tmp_path, pressure="15 MPa", **facts)
+
+    assert not proposal.notes
+    assert "pressure: 150 bar (1), from its name" in proposal.facts
+
+
+def test_a_pattern_and_a_table_override_the_setting_with_a_note(tmp_path: Path) -> None:
+    facts = write_tables(tmp_path, "normal_1500rpm.csv")
+    table = tmp_path.parent / "files.csv"
+    table.write_text("file,label,n [rpm]\nnormal_1500rpm.csv,normal,1480\n")
+
+    by_pattern = propose_index(
+        tmp_path, label_pattern=r"(?P<label>[a-z]+)_(?P<speed>\d+)rpm", **facts
+    )
+    by_table = propose_index(tmp_path, table=table, columns={"speed": "n [rpm]"}, **facts)
+
+    assert by_pattern.index["recording"][0]["speed"] == "1500 rpm"
+    assert "speed = 1500 rpm of the pattern counts, and not 860 rpm" in by_pattern.notes[0].message
+    assert by_table.index["recording"][0]["speed"] == "1480 rpm"
+    assert "speed = 1480 rpm of the table counts, and not 860 rpm" in by_table.notes[0].message
 
 
 def test_one_file_of_two_recordings_gets_two_entries(tmp_path: Path) -> None:

@@ -383,22 +383,38 @@ def _is_plausible(key: str, text: str) -> bool:
     return key != "pressure" or parse_quantity(text, "Pa") >= _MIN_PRESSURE_PA
 
 
-def describe_contradictions(entry: Entry, header: Mapping[str, str]) -> str:
+def describe_contradictions(
+    entry: Entry, header: Mapping[str, str], origin: str = "the file"
+) -> str:
     """Return in what an entry differs by more than 3 % from the header of its file.
 
     The text is empty if nothing differs.
+
+    Parameters
+    ----------
+    header : quantities by their keys; those without a unit are not compared.
+    origin : what states them, for the text.
     """
     sentences = []
     for key, text in header.items():
         specified = getattr(entry, key)
-        if not is_positive_quantity(specified, key):
+        if not (is_positive_quantity(specified, key) and is_positive_quantity(text, key)):
             continue
         unit = QUANTITIES[key]
         value = parse_quantity(specified, unit)
         header_value = parse_quantity(text, unit)
         if not math.isclose(value, header_value, rel_tol=_MAX_CONTRADICTION):
-            sentences.append(f"{key} = {specified} is specified and counts, the file states {text}")
+            sentences.append(f"{key} = {specified} is specified and counts, {origin} states {text}")
     return "; ".join(sentences)
+
+
+def are_equal_quantities(first: object, second: object, key: str) -> bool:
+    """Return whether two texts are the same quantity, such as 15 MPa and 150 bar."""
+    unit = QUANTITIES[key]
+    try:
+        return math.isclose(parse_quantity(first, unit), parse_quantity(second, unit))
+    except UnitError:
+        return False
 
 
 def is_positive_quantity(text: object, key: str) -> bool:

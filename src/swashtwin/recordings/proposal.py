@@ -22,6 +22,8 @@ from swashtwin.recordings.column_selection import (
 from swashtwin.recordings.dataset_checks import class_name_findings
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.fact_extraction import (
+    are_equal_quantities,
+    describe_contradictions,
     parse_header_facts,
     parse_header_machine,
     parse_path_facts,
@@ -148,7 +150,8 @@ def propose_index(
     index_folder : folder of the index, if not `folder`.
     ask : called with the name of an argument, such as ``unit``, and a question, if that fact is
         missing; returns the answer, or None. By default a missing fact is an error.
-    facts : keys of an entry for every file that does not state them itself, such as ``unit="g"``.
+    facts : keys of an entry for every file, such as ``unit="g"``. A quantity, such as ``speed``,
+        overrides names and headers, which a note reports; a table or a pattern overrides it.
 
     Raises
     ------
@@ -373,11 +376,11 @@ class _Survey:
             origins["specimen"] = "the file"
         if "specimen" not in values:
             self.unused_lines.update(dict.fromkeys(map(plain_text, unused_lines)))
-        bare_pressures = pressures_without_unit(values)
-        for key in bare_pressures:
+        for key in pressures_without_unit(values):
             if self.pressure_unit is not None:
                 values[key] = f"{values[key]} {self.pressure_unit}"
-        if bare_pressures and self.pressure_unit is None:
+        self._apply_settings(name, values, origins)
+        if self.pressure_unit is None and pressures_without_unit(values):
             self.missing.setdefault("pressure_unit", []).append(name)
 
         for entry_values in self._part_entries(raw, {"file": name, **values}):
@@ -386,7 +389,8 @@ class _Survey:
     def _collect_values(self, name: str, raw: RawFile) -> tuple[dict[str, Any], dict[str, str]]:
         """Return the facts of a file, and the origin of those not of its name (or the table).
 
-        The file itself overrides its name, and the table overrides the file.
+        The file itself overrides its name, and the table overrides the file. Settings of all files
+        override the file and its name (`_apply_settings`).
         """
         values: dict[str, Any] = {}
         pattern_keys: Set[str] = frozenset()
@@ -411,7 +415,11 @@ class _Survey:
                 values[key] = plain_text(values[key])
 
         header = parse_header_facts(raw)
-        differing = [key for key in header if key in values and header[key] != values[key]]
+        differing = [
+            key
+            for key in header
+            if key in values and header[key] != values[key] and key not in self.defaults
+        ]
         if differing:
             key = differing[0]
             winner = "header's" if self.table_facts is None else "table's"
@@ -428,6 +436,41 @@ class _Survey:
                 values[key] = text
                 origins[key] = "the file"
         return values, origins
+
+    def _apply_settings(
+        self, name: str, values: dict[str, Any], origins: Mapping[str, str]
+    ) -> None:
+        """Remove quantities that a setting of all files overrides, and note what differs.
+
+        A table or a pattern states them for each file, and overrides the setting.
+        """
+        entry = self._entry({"file": name})
+        default_origin = self._default_origin
+        overridden: dict[str, dict[str, Any]] = {}
+        for key in QUANTITIES:
+            is_set = key in self.defaults and key in values
+            if not is_set or are_equal_quantities(values[key], self.defaults[key], key):
+                continue
+
+            origin = origins.get(key, default_origin)
+            if origin in ("the table", "the pattern"):
+                self._note(
+                    name,
+                    "contradicted",
+                    f"{name}: {key} = {values[key]} of {origin} counts, and not "
+                    f"{self.defaults[key]}, which is specified for all files.",
+                )
+            else:
+                overridden.setdefault(origin, {})[key] = values.pop(key)
+
+        for origin, facts in overridden.items():
+            contradictions = describe_contradictions(entry, facts, origin)
+            if contradictions:
+                self._note(name, "contradicted", f"{name}: {contradictions}.")
+
+    @property
+    def _default_origin(self) -> str:
+        return "its name" if self.table_facts is None else "the table"
 
     def _part_entries(self, raw: RawFile, values: dict[str, Any]) -> list[dict[str, Any]]:
         """Return the entries of a file: one for each start time of its unnamed channels."""
@@ -482,7 +525,7 @@ class _Survey:
         ----------
         origins : origin of the facts that are not of its name (or the table).
         """
-        default_origin = "its name" if self.table_facts is None else "the table"
+        default_origin = self._default_origin
         facts: Facts = {}
         for key, value in self.defaults.items():
             facts[key] = (_value_text(value), "the settings")

@@ -38,6 +38,7 @@ from swashtwin.monitoring.alarms.monitor import OperatingPointMonitor
 from swashtwin.monitoring.alarms.operating_point import OperatingPoint
 from swashtwin.monitoring.history.database import SCHEMA_VERSION, json_text
 from swashtwin.monitoring.history.schema import OperatingPointRow
+from swashtwin.monitoring.history.transaction import MachineTransaction
 from swashtwin.monitoring.page.users import UserFile, add_user
 from swashtwin.monitoring.service.filing import _load_state
 from swashtwin.monitoring.sources.delivery import Delivery, RejectionError
@@ -210,7 +211,7 @@ def write_point_state(folder: Path) -> Path:
     return path
 
 
-class StoredState:
+class StoredState(MachineTransaction):
     """A transaction on a history that has one operating point."""
 
     def __init__(self, path: Path) -> None:
@@ -224,7 +225,7 @@ class StoredState:
 
 
 def load_point_state(path: Path) -> None:
-    state: Any = StoredState(path)
+    state = StoredState(path)
     try:
         _load_state(state, OperatingPoint(None, None))
     except RejectionError as error:

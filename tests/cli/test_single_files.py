@@ -114,6 +114,38 @@ def test_diagnose_asks_for_the_machine_of_a_file_and_takes_it(fleet: Path, tmp_p
 
 
 @pytest.mark.parametrize(
+    ("specimen", "healthy_specimen", "machines"),
+    [
+        pytest.param("b", None, "2 machines: A, B", id="another spelling"),
+        pytest.param("Q", "Z", "3 machines: A, B, Z", id="machine of other healthy recordings"),
+        pytest.param("pump 7", "", "2 machines: A, B", id="machine of no recording"),
+    ],
+)
+def test_diagnose_reports_that_no_healthy_recording_is_of_the_machine(
+    fleet: Path, tmp_path: Path, specimen: str, healthy_specimen: str | None, machines: str
+) -> None:
+    file = write_tone(tmp_path / "new.csv", 300, 4200)
+    command = ["diagnose", fleet / "m.safetensors", file, *FACTS, "--specimen", specimen]
+    if healthy_specimen is None:
+        command += ["--healthy", fleet]
+    elif healthy_specimen:
+        tones = [write_tone(tmp_path / f"{number}.csv", 100, 4200) for number in range(3)]
+        recordings = [
+            load_recording(
+                tone, sample_rate="2 kHz", unit="g", label="normal", specimen=healthy_specimen
+            )
+            for tone in tones
+        ]
+        write_store(recordings, tmp_path / "healthy.h5")
+        command += ["--healthy", tmp_path / "healthy.h5"]
+
+    (answer,) = run_json(*command)["diagnoses"]
+
+    absence = f"No healthy recording is of the machine {specimen}, only of {machines}"
+    assert absence in " ".join(answer["notes"])
+
+
+@pytest.mark.parametrize(
     ("name", "n_files"),
     [
         pytest.param("flat", 3, id="files in the folder"),

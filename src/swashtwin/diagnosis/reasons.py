@@ -225,34 +225,45 @@ def _comparison_obstacle(classifier: FittedClassifier) -> str:
     return "a class has synthetic recordings only"
 
 
-def describe_healthy_gain(classifier: FittedClassifier, specimen: str) -> str:
-    """Describe what healthy recordings of a machine would gain; empty if the model has them.
+def describe_absent_baseline(classifier: FittedClassifier, specimen: str) -> str:
+    """Describe that a model has no healthy recordings of a machine; empty if it has some.
 
-    The figures are those of the training's folds.
+    If they improved the recall in the training's folds, the description has these figures.
     """
     model = classifier.recordings
     choice = classifier.choice
     if model is None or model.on_changes is None or choice is None or model.knows(specimen):
         return ""
+    names = sorted(
+        "an unnamed machine" if name == UNNAMED_MACHINE else name
+        for name in model.healthy.machines()
+    )
+    machines = _list_machines(names)
     if not specimen:
-        machines = model.healthy.machines()
         return (
             "The recording does not specify its machine (specimen), so that it was not compared "
-            f"with healthy recordings of it. The model has some of {_list_machines(machines)}."
+            f"with healthy recordings of it. The model has some of {machines}."
         )
+    absence = (
+        f"No healthy recording is of the machine {specimen}, only of {machines}, so that the "
+        "recording was not compared with healthy ones."
+    )
+
     without_baseline = choice.head_recalls["without baseline"]
     with_baseline = choice.head_recalls["with baseline"]
     if choice.group != "specimen" or with_baseline <= without_baseline:
-        return ""
+        return (
+            f"{absence} Correct its machine (specimen), or pass healthy recordings of {specimen}."
+        )
 
     counts = Counter(model.healthy.specimen).values()
     fewest = min(counts)
     most = max(counts)
     n_healthy = f"{fewest}" if fewest == most else f"{fewest} to {most}"
     return (
-        f"The model has no healthy recordings of {specimen}. Recall on held-out "
-        f"machines: {100 * without_baseline:.0f} % without healthy recordings of the machine, "
-        f"{100 * with_baseline:.0f} % with {n_healthy} of them. Pass some as healthy."
+        f"{absence} Recall on held-out machines: {100 * without_baseline:.0f} % without healthy "
+        f"recordings of the machine, {100 * with_baseline:.0f} % with {n_healthy} of them. Pass "
+        "some as healthy."
     )
 
 

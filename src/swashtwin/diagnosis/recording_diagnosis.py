@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float, Float64
 
 from swashtwin.diagnosis.healthy_spectrum import classifier_spectrum
 from swashtwin.diagnosis.reasons import (
+    describe_absent_baseline,
     describe_deviations,
-    describe_healthy_gain,
     describe_missing_comparison,
     describe_untrained_machine,
 )
@@ -164,7 +164,7 @@ def _judge_answers(
     machine_reason = describe_untrained_machine(
         reference, answers.specimen, always=diagnosis.unknown
     )
-    healthy_reason = describe_healthy_gain(classifier, answers.specimen)
+    healthy_reason = describe_absent_baseline(classifier, answers.specimen)
     if answers.specimen:
         reasons = (machine_reason, *diagnosis.reasons, healthy_reason)
     else:

@@ -70,3 +70,28 @@ def test_a_folder_of_files_that_are_not_supported_names_their_suffixes(tmp_path:
 
     with pytest.raises(DataError, match=r"no file to index, but 3 \.xls files: supported are"):
         propose_index(tmp_path, unit="g")
+
+
+@pytest.mark.parametrize(
+    ("names", "listed"),
+    [
+        (["piston_1.xls"], "piston_1.xls"),
+        (["b/p_6.zip", "b/p_7.bin", "p_5.xlsx"], "b/p_6.zip, b/p_7.bin, p_5.xlsx"),
+        (["piston_1", "run.2024"], "piston_1, run.2024"),
+    ],
+)
+def test_files_of_unknown_formats_are_left_out_in_one_note(
+    names: list[str], listed: str, tmp_path: Path
+) -> None:
+    write_table(tmp_path / "normal_1.csv", 200)
+    for name in [*names, "README.md", "desktop.ini", "Thumbs.db", ".git/index", "train.toml"]:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"\1\2")
+
+    proposal = propose_index(tmp_path, unit="g", sample_rate="1 kHz")
+    included = propose_index(tmp_path, unit="g", sample_rate="1 kHz", include=["normal*"])
+
+    (finding,) = proposal.skipped
+    assert finding.message == f"{listed}: files of formats that cannot be read."
+    assert "save these as CSV" in finding.remedy
+    assert not included.skipped

@@ -48,7 +48,12 @@ from swashtwin.recordings.path_labels import (
     unused_number_notes,
 )
 from swashtwin.recordings.scaling import resolve_scaling
-from swashtwin.recordings.side_files import find_side_files
+from swashtwin.recordings.side_files import (
+    describe_other_files,
+    find_named_file,
+    find_side_files,
+    find_unreadable_files,
+)
 
 Facts = dict[str, tuple[str, str]]
 """Value and origin of each fact of one file."""
@@ -64,9 +69,6 @@ _MAX_LISTED_VALUES = 6
 
 # Notes of one kind that are listed; of more, the first is.
 _MAX_NOTES_OF_KIND = 3
-
-# Bytes of a text file in which names of other files are searched.
-_MAX_HEAD_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -173,6 +175,9 @@ def propose_index(
     survey.read(files)
     survey = _complete_by_questions(survey, files, ask)
     survey.require_complete()
+    skipped = list(survey.skipped)
+    if table_facts is None:  # else the table selects the files
+        skipped += _skip_unreadable_files(folder, include)
 
     notes = survey.unused_line_notes()
     if survey.pattern is None and table_facts is None:
@@ -194,7 +199,7 @@ def propose_index(
     notes += label_hints(survey.entries)
     return IndexProposal(
         index=index,
-        skipped=tuple(survey.skipped),
+        skipped=tuple(skipped),
         facts=_describe_facts(survey.facts),
         notes=_merge_notes([*survey.notes, *(("", note) for note in notes)]),
     )
@@ -242,17 +247,28 @@ def _select_files(
     else:
         names = [path.relative_to(folder).as_posix() for path in find_readable_files(folder)]
 
-    if not include:
-        return names
-    selected = []
-    for name in names:
-        if any(fnmatchcase(name, pattern) for pattern in include):
-            selected.append(name)
-    if not selected:
+    selected = [name for name in names if _is_included(name, include)]
+    if include and not selected:
         raise DataError(
             f"{folder} holds no file whose path matches include = {', '.join(include)}."
         )
     return selected
+
+
+def _is_included(name: str, include: Sequence[str]) -> bool:
+    return not include or any(fnmatchcase(name, pattern) for pattern in include)
+
+
+def _skip_unreadable_files(folder: Path, include: Sequence[str]) -> list[Finding]:
+    """Return one note about the files whose format cannot be read."""
+    names = [name for name in find_unreadable_files(folder) if _is_included(name, include)]
+    if not names:
+        return []
+
+    listed = join_names(names, _MAX_LISTED_VALUES)
+    message = f"{listed}: files of formats that cannot be read."
+    remedy = "If they hold recordings, save these as CSV, and unpack archives."
+    return [Finding("skipped", "note", None, message, remedy)]
 
 
 def _complete_by_questions(
@@ -325,7 +341,7 @@ class _Survey:
 
             named_file = None
             if self.table_facts is None and "text_columns" in raw.attributes:
-                named_file = _find_named_file(path, names)
+                named_file = find_named_file(path, names)
             if named_file is None:
                 self._add_or_skip(name, raw)
             else:
@@ -349,7 +365,7 @@ class _Survey:
 
         side_files = []
         for name in find_side_files(self.folder, names):
-            if _find_named_file(self.folder / name, names) is None:  # else it is a table of facts
+            if find_named_file(self.folder / name, names) is None:  # else it is a table of facts
                 side_files.append(name)
         if side_files:
             self._skip(
@@ -607,32 +623,9 @@ class _Survey:
             )
         if not self.entries:
             raise DataError(
-                f"{self.folder} holds no file to index{_describe_other_files(self.folder)}: "
+                f"{self.folder} holds no file to index{describe_other_files(self.folder)}: "
                 f"supported are {', '.join(suffixes())}."
             )
-
-
-def _describe_other_files(folder: Path) -> str:
-    """Return the suffixes of the files of a folder, to continue a sentence with."""
-    counts = Counter(
-        path.suffix.lower()
-        for path in folder.rglob("*.*")
-        if path.is_file() and not path.name.startswith(".")
-    )
-    listed = [plural(count, f"{suffix} file") for suffix, count in counts.most_common()]
-    return f", but {join_names(listed)}" if listed else ""
-
-
-def _find_named_file(path: Path, names: Sequence[str]) -> str | None:
-    """Return a file of the folder that another one names in its first lines."""
-    with path.open("rb") as file:
-        head = file.read(_MAX_HEAD_BYTES).decode(errors="replace")
-
-    for name in names:
-        file_name = Path(name).name
-        if file_name != path.name and file_name in head:
-            return name
-    return None
 
 
 def _find_missing_facts(

@@ -218,6 +218,56 @@ def test_diagnose_does_not_take_recordings_of_a_diagnosed_index_as_healthy(
     assert "not taken as healthy, as they are to be diagnosed: 3, 4, s4." in notes
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "reason"),
+    [
+        pytest.param("events.csv", "event,time\nSTART,0\n", "text and few numbers", id="event log"),
+        pytest.param(
+            "device.txt", "Device\nmaker: Anders\nplace: hall\n", "text and few", id="device"
+        ),
+        pytest.param("readme.txt", "Pump notes\n", "holds no table of numbers", id="one line"),
+        pytest.param("empty.csv", "", "is empty", id="empty file"),
+    ],
+)
+def test_diagnose_takes_no_file_beside_healthy_recordings_as_healthy(
+    fleet: Path, tmp_path: Path, name: str, text: str, reason: str
+) -> None:
+    file = write_tone(tmp_path / "new.csv", 300, 4200)
+    healthy = tmp_path / "healthy"
+    for number in range(3):
+        write_tone(healthy / f"{number}.csv", 100, 4200)
+    (healthy / name).write_text(text)
+    command = ("diagnose", fleet / "m.safetensors", file, *FACTS, "--healthy", healthy)
+
+    notes = " ".join(run(*command).stderr.split())
+
+    assert f"taken as healthy: 0.csv, 1.csv, 2.csv in {healthy}." in notes
+    left_out = notes.split("not taken as healthy: ")[1]
+    assert name in left_out
+    assert reason in left_out
+
+
+@pytest.mark.parametrize(
+    ("rate", "count"), [(2000, 600), (4000, 4200)], ids=["too short", "other sample rate"]
+)
+@pytest.mark.parametrize("indexed", [False, True])
+def test_an_error_of_healthy_files_names_their_folder(
+    fleet: Path, tmp_path: Path, rate: int, count: int, indexed: bool
+) -> None:
+    healthy = tmp_path / "healthy"
+    for number in range(3):
+        tone = write_tone(tmp_path / "tones" / f"{number}.csv", 100, count)
+        recording = load_recording(tone, sample_rate=rate, unit="g", label="normal")
+        write_recording(recording, healthy / f"{number}.h5")
+    if indexed:
+        run("index", healthy)
+
+    command = ("diagnose", fleet / "m.safetensors", fleet, "--healthy", healthy)
+    message = one_line(run(*command, code=3))
+
+    assert f"Healthy recordings in {healthy}: " in message
+
+
 def test_diagnose_refuses_a_folder_of_the_diagnosed_recording_alone(
     fleet: Path, tmp_path: Path
 ) -> None:

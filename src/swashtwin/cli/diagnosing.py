@@ -1,6 +1,7 @@
 """Commands that answer a user's question: diagnose and report."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,6 +35,7 @@ from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import Diagnosis, Evidence
+    from swashtwin.foundation import DataError
     from swashtwin.learning import FittedClassifier
     from swashtwin.recordings import Recording
 
@@ -96,9 +98,9 @@ def diagnose(
     facts = reading | without_none(specimen=specimen)
     recordings = load_sources(paths, **facts)
     if healthy is not None:
-        trained, recordings = compare_with_healthy(
-            trained, _load_healthy(healthy, facts, recordings), recordings
-        )
+        healthy_recordings = _load_healthy(healthy, facts, recordings)
+        with _naming_healthy(healthy):
+            trained, recordings = compare_with_healthy(trained, healthy_recordings, recordings)
         for text in trained.notes_:
             print_note(f"note: {text}")
 
@@ -154,19 +156,17 @@ def _load_healthy(
     """
     from swashtwin.foundation import DataError
     from swashtwin.pump import is_healthy
-    from swashtwin.recordings import INDEX_NAME, find_exact_copies, find_readable_files, join_names
+    from swashtwin.recordings import INDEX_NAME, find_exact_copies, join_names
 
     if not source.is_dir() or (source / INDEX_NAME).is_file():
-        return load_sources([source])
-    files = find_readable_files(source)
-    if not files:
-        raise DataError(
-            f"{source} has neither an index ({INDEX_NAME}) nor a file that can be read.",
-            field="healthy",
-        )
+        with _naming_healthy(source):
+            return load_sources([source])
 
-    loaded = load_sources(files, **facts)
-    copies = find_exact_copies(_content_hashes(diagnosed), _content_hashes(loaded))
+    diagnosed_hashes = _content_hashes(diagnosed)
+    with _naming_healthy(source):
+        files = _find_recordings(source, facts)
+        loaded = load_sources(files, **facts)
+        copies = find_exact_copies(diagnosed_hashes, _content_hashes(loaded))
     if len(copies) == len(loaded):
         raise DataError(
             f"{source} has no file besides the recordings to diagnose.",
@@ -191,6 +191,73 @@ def _load_healthy(
         reason = "it is to be diagnosed" if len(copies) == 1 else "they are to be diagnosed"
         print_note(f"note: not taken as healthy, as {reason}: {join_names(list(copies))}.")
     return healthy
+
+
+@contextmanager
+def _naming_healthy(source: Path) -> Iterator[None]:
+    """Put into errors that healthy recordings are meant, not those to diagnose.
+
+    An error whose field is `healthy` states that already.
+    """
+    from swashtwin.foundation import SwashTwinError
+
+    try:
+        yield
+    except SwashTwinError as cause:
+        if cause.field == "healthy":
+            raise
+        raise cause.with_context(f"Healthy recordings in {source}: ") from cause
+
+
+def _find_recordings(folder: Path, facts: dict[str, Any]) -> list[Path]:
+    """Return the files of a folder that are recordings, by the rules by which it is indexed.
+
+    A note names the others, such as event logs.
+    """
+    from swashtwin.foundation import DataError
+    from swashtwin.recordings import INDEX_NAME, find_readable_files, find_side_files, join_names
+
+    names = [file.relative_to(folder).as_posix() for file in find_readable_files(folder)]
+    if not names:
+        raise DataError(
+            f"{folder} has neither an index ({INDEX_NAME}) nor a file that can be read.",
+            field="healthy",
+        )
+
+    side_files = find_side_files(folder, names)
+    if side_files:
+        print_note(
+            f"note: not taken as healthy: {join_names(side_files)}: text and few numbers, such as "
+            "an event log or a device description."
+        )
+
+    files = [folder / name for name in names if name not in side_files]
+    reasons = {}
+    for file in files:
+        cause = _opening_error(file, facts)
+        if cause is not None:
+            reasons[file] = cause
+    if len(reasons) == len(files):
+        raise reasons[files[0]]
+    for cause in reasons.values():
+        print_note(f"note: not taken as healthy: {cause.message}")
+    return [file for file in files if file not in reasons]
+
+
+def _opening_error(file: Path, facts: dict[str, Any]) -> "DataError | None":
+    """Return why a file cannot be opened as a recording; None if it can."""
+    from swashtwin.foundation import DataError, MissingFileError
+    from swashtwin.recordings import Entry, is_store, open_raw
+
+    if is_store(file):
+        return None
+    try:
+        open_raw(file, Entry.from_mapping({"file": str(file), **facts}, str(file)).options)
+    except MissingFileError:
+        raise
+    except DataError as cause:
+        return cause
+    return None
 
 
 def _files_of_recordings(files: Sequence[Path]) -> list[Path]:

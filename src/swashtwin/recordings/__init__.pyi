@@ -70,5 +70,6 @@ from .recording_files import write_blocks as write_blocks
 from .recording_files import write_recording as write_recording
 from .recording_files import write_series as write_series
 from .scaling import resolve_scaling as resolve_scaling
+from .side_files import find_side_files as find_side_files
 from .window_checks import default_window as default_window
 from .window_checks import window_findings as window_findings

@@ -1,7 +1,7 @@
 """What checks report about recordings."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from swashtwin.foundation import Spelling, render_settings, spell_for_index
@@ -40,6 +40,13 @@ class Finding:
         }
 
 
+FileNote = tuple[str, Finding]
+"""Name of a file, empty if a note concerns several, and the note."""
+
+# Notes of one kind that are listed; of more, the first is.
+_MAX_NOTES_OF_KIND = 3
+
+
 def join_names(names: Sequence[str], max_count: int = 3) -> str:
     """Return the first names, and how many more there are.
 
@@ -67,3 +74,21 @@ def describe_others(count: int, names: Sequence[str] = ()) -> str:
     ('(Similar: a.csv, b.csv.)', '(Similar: 27 more.)')
     """
     return f"(Similar: {join_names(names) or f'{count} more'}.)"
+
+
+def merge_notes(notes: Iterable[FileNote]) -> tuple[Finding, ...]:
+    """Return one note for many of one kind: the first, and the files of the others."""
+    groups: dict[str, dict[Finding, str]] = {}
+    for file, note in notes:
+        groups.setdefault(note.kind, {}).setdefault(note, file)
+
+    merged: list[Finding] = []
+    for group in groups.values():
+        first, *others = group
+        if len(group) <= _MAX_NOTES_OF_KIND:
+            merged += group
+        else:
+            files = [group[note] for note in others if group[note]]
+            suffix = describe_others(len(others), files)
+            merged.append(replace(first, message=f"{first.message} {suffix}"))
+    return tuple(merged)

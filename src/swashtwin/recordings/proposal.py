@@ -1,7 +1,7 @@
 """A first index for a folder, from file names, a table that came with them, and file contents."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -30,10 +30,12 @@ from swashtwin.recordings.fact_extraction import (
     pressures_without_unit,
     read_fact_table,
 )
+from swashtwin.recordings.fact_listing import Facts, describe_facts, value_text
 from swashtwin.recordings.file_formats import find_readable_files, open_raw, stem_of, suffixes
-from swashtwin.recordings.findings import Finding, describe_others, join_names
+from swashtwin.recordings.findings import FileNote, Finding, join_names, merge_notes
 from swashtwin.recordings.formats.raw_file import RawFile
 from swashtwin.recordings.formats.sample_units import require_sample_unit
+from swashtwin.recordings.index_questions import QUESTIONS
 from swashtwin.recordings.index_writing import relative_path
 from swashtwin.recordings.label_hints import (
     find_single_label,
@@ -49,60 +51,16 @@ from swashtwin.recordings.path_labels import (
 )
 from swashtwin.recordings.scaling import resolve_scaling
 from swashtwin.recordings.side_files import (
+    Doubt,
+    describe_doubt,
     describe_other_files,
     find_named_file,
     find_side_files,
     find_unreadable_files,
 )
 
-Facts = dict[str, tuple[str, str]]
-"""Value and origin of each fact of one file."""
-
-_FileNote = tuple[str, Finding]
-"""Name of a file, empty if a note concerns several, and the note."""
-
-# Facts that are listed before the others.
-_FIRST_FACTS = ("label", "specimen", "speed", "pressure", "sample_rate", "unit", "channels")
-
-# Values of a fact that are listed.
-_MAX_LISTED_VALUES = 6
-
-# Notes of one kind that are listed; of more, the first is.
-_MAX_NOTES_OF_KIND = 3
-
-
-@dataclass(frozen=True)
-class _Question:
-    """How a missing fact is asked for."""
-
-    setting: str
-    """Setting that answers it, with an example, in braces (`foundation.render_settings`)."""
-    text: str
-    """Question, without its question mark."""
-
-
-_QUESTIONS = {
-    "sample_rate": _Question(
-        "{sample_rate='25.6 kHz'}",
-        "How many samples per second and channel do they have, with the unit",
-    ),
-    "unit": _Question(
-        "{unit='g'} (or 'V', '1')",
-        'In which unit are their samples: g, m/s^2, V, or "1" if it is unknown',
-    ),
-    "sensitivity": _Question(
-        "{sensitivity='50 m/s^2'} (value of full scale), or {unit='1'} if it is unknown",
-        "Which quantity is the full scale of their integers, such as 50 m/s^2",
-    ),
-    "pressure_unit": _Question(
-        "{pressure_unit='bar'}",
-        "Their pressures have no unit: is it MPa, bar, kPa or psi",
-    ),
-    "label": _Question(
-        "{label_pattern}",
-        "Which regular expression finds the class in their paths, as (?P<label>...)",
-    ),
-}
+# File names that a note lists.
+_MAX_LISTED_NAMES = 6
 
 
 @dataclass(frozen=True)
@@ -200,27 +158,9 @@ def propose_index(
     return IndexProposal(
         index=index,
         skipped=tuple(skipped),
-        facts=_describe_facts(survey.facts),
-        notes=_merge_notes([*survey.notes, *(("", note) for note in notes)]),
+        facts=describe_facts(survey.facts),
+        notes=merge_notes([*survey.notes, *(("", note) for note in notes)]),
     )
-
-
-def _merge_notes(notes: Iterable[_FileNote]) -> tuple[Finding, ...]:
-    """Return one note for many of one kind: the first, and the files of the others."""
-    groups: dict[str, dict[Finding, str]] = {}
-    for file, note in notes:
-        groups.setdefault(note.kind, {}).setdefault(note, file)
-
-    merged: list[Finding] = []
-    for group in groups.values():
-        first, *others = group
-        if len(group) <= _MAX_NOTES_OF_KIND:
-            merged += group
-        else:
-            files = [group[note] for note in others if group[note]]
-            suffix = describe_others(len(others), files)
-            merged.append(replace(first, message=f"{first.message} {suffix}"))
-    return tuple(merged)
 
 
 def _checked_defaults(facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -265,7 +205,7 @@ def _skip_unreadable_files(folder: Path, include: Sequence[str]) -> list[Finding
     if not names:
         return []
 
-    listed = join_names(names, _MAX_LISTED_VALUES)
+    listed = join_names(names, _MAX_LISTED_NAMES)
     message = f"{listed}: files of formats that cannot be read."
     remedy = "If they hold recordings, save these as CSV, and unpack archives."
     return [Finding("skipped", "note", None, message, remedy)]
@@ -314,13 +254,17 @@ class _Survey:
     missing: dict[str, list[str]] = field(default_factory=dict)
     """Files that lack a fact."""
     facts: list[Facts] = field(default_factory=list)
-    notes: list[_FileNote] = field(default_factory=list)
+    notes: list[FileNote] = field(default_factory=list)
 
     unused_lines: dict[str, None] = field(default_factory=dict)
     """Lines of headers that may name a machine, or a logger or a type."""
 
     path_classes: PathClasses = field(default_factory=PathClasses)
     """What tells classes apart in the paths."""
+
+    max_rows: int = 0
+    """Rows of the longest recording that is not doubtful."""
+    doubtful: list["_DoubtfulFile"] = field(default_factory=list)
 
     def read(self, names: Sequence[str]) -> None:
         """Read the facts of files, or why they cannot be read."""
@@ -348,15 +292,79 @@ class _Survey:
                 self._skip(
                     f"{path} names {named_file}.", "To take facts from it, specify it as {table}."
                 )
+        self._decide_doubtful()
+        self._sort_entries(names)
 
     def _add_or_skip(self, name: str, raw: RawFile) -> None:
         """Add a file, or skip one of other sensors, such as the gyroscope of a telephone."""
+        entry = self._entry({"file": name})
+        doubt = None
+        if self.table_facts is None and entry.channels is None:
+            doubt = describe_doubt(self.folder / name, raw, entry)
+        if doubt is not None:
+            self._add_doubtful(name, raw, doubt)
+            return
+
+        self._add_unless_other(name, raw)
+        n_rows = len(next(iter(raw.columns.values())))
+        self.max_rows = max(self.max_rows, n_rows)
+
+    def _add_unless_other(self, name: str, raw: RawFile) -> None:
         try:
             self._add(name, raw)
         except NoVibrationError as cause:
             if self.table_facts is not None:
                 raise
             self._skip(cause.message, cause.remedy)
+
+    def _add_doubtful(self, name: str, raw: RawFile, doubt: Doubt) -> None:
+        """Read a file that may hold no recording into a survey of its own."""
+        survey = replace(
+            self,
+            entries=[],
+            skipped=[],
+            missing={},
+            facts=[],
+            notes=[],
+            unused_lines={},
+            doubtful=[],
+        )
+        error = None
+        try:
+            survey._add_unless_other(name, raw)
+        except DataError as cause:
+            error = cause
+        self.doubtful.append(_DoubtfulFile(name, doubt, survey, error))
+
+    def _decide_doubtful(self) -> None:
+        """Skip the files that may hold no recording, unless there are no others."""
+        has_recordings = bool(self.entries)
+        for file in self.doubtful:
+            if has_recordings and file.doubt.holds_beside(self.max_rows):
+                self._skip(
+                    f"{self.folder / file.name} {file.doubt.reason}.",
+                    "If it is a recording, add it to the index.",
+                )
+                continue
+            if file.error is not None:
+                raise file.error
+
+            self.entries += file.survey.entries
+            self.skipped += file.survey.skipped
+            self.facts += file.survey.facts
+            self.notes += file.survey.notes
+            self.unused_lines.update(file.survey.unused_lines)
+            for key, names in file.survey.missing.items():
+                self.missing.setdefault(key, []).extend(names)
+
+    def _sort_entries(self, names: Sequence[str]) -> None:
+        """Sort the entries of files that were decided last among the others."""
+        positions = {name: position for position, name in enumerate(names)}
+        order = sorted(
+            range(len(self.entries)), key=lambda row: positions[self.entries[row]["file"]]
+        )
+        self.entries = [self.entries[row] for row in order]
+        self.facts = [self.facts[row] for row in order]
 
     def _without_side_files(self, names: Sequence[str]) -> list[str]:
         """Return the files that may be recordings, and skip event logs and the like."""
@@ -369,7 +377,7 @@ class _Survey:
                 side_files.append(name)
         if side_files:
             self._skip(
-                f"{join_names(side_files, _MAX_LISTED_VALUES)}: text and few numbers, such as an "
+                f"{join_names(side_files, _MAX_LISTED_NAMES)}: text and few numbers, such as an "
                 "event log or a device description."
             )
         return [name for name in names if name not in side_files]
@@ -544,10 +552,10 @@ class _Survey:
         default_origin = self._default_origin
         facts: Facts = {}
         for key, value in self.defaults.items():
-            facts[key] = (_value_text(value), "the settings")
+            facts[key] = (value_text(value), "the settings")
         for key, value in entry.items():
             if key not in ("file", "attributes", "id", "sha256"):
-                facts[key] = (_value_text(value), origins.get(key, default_origin))
+                facts[key] = (value_text(value), origins.get(key, default_origin))
         for key, value in entry.get("attributes", {}).items():
             facts[f"attribute {key}"] = (value, origins.get(key, default_origin))
 
@@ -571,7 +579,7 @@ class _Survey:
         if not self.unused_lines:
             return []
 
-        listed = join_names(list(self.unused_lines), _MAX_LISTED_VALUES)
+        listed = join_names(list(self.unused_lines), _MAX_LISTED_NAMES)
         message = f"found in headers, not used: {listed}."
         remedy = "If they name machines, write them as specimen into the index."
         return [Finding("header_machines", "note", None, message, remedy)]
@@ -590,7 +598,7 @@ class _Survey:
             argument = "label_pattern" if key == "label" else key
             questions[argument] = (
                 f"The {key} of {plural(len(names), 'file')} is missing, such as that of "
-                f"{names[0]}. {_QUESTIONS[key].text}?"
+                f"{names[0]}. {QUESTIONS[key].text}?"
             )
 
         single_label = find_single_label(self.entries)
@@ -598,7 +606,7 @@ class _Survey:
         if "label" not in self.missing and not has_label_source and single_label:
             questions["label_pattern"] = (
                 f"All files are of the class {single_label!r}, according to their names. "
-                f"{_QUESTIONS['label'].text}?"
+                f"{QUESTIONS['label'].text}?"
             )
         return questions
 
@@ -608,7 +616,7 @@ class _Survey:
         settings = []
         for key, names in self.missing.items():
             facts.append(f"{key} of {plural(len(names), 'file')} (such as {names[0]})")
-            settings.append(_QUESTIONS[key].setting)
+            settings.append(QUESTIONS[key].setting)
         if facts:
             raise DataError(
                 f"{self.folder}: neither the files nor the settings state {'; '.join(facts)}.",
@@ -626,6 +634,18 @@ class _Survey:
                 f"{self.folder} holds no file to index{describe_other_files(self.folder)}: "
                 f"supported are {', '.join(suffixes())}."
             )
+
+
+@dataclass(frozen=True)
+class _DoubtfulFile:
+    """A file that is a recording only if there are no others."""
+
+    name: str
+    doubt: Doubt
+    survey: _Survey
+    """What an index states about this file alone."""
+    error: DataError | None
+    """Why it cannot be indexed."""
 
 
 def _find_missing_facts(
@@ -675,30 +695,3 @@ def _index_content(entries: list[dict[str, Any]], defaults: Mapping[str, Any]) -
         content["defaults"] = common_facts
     content["recording"] = entries
     return content
-
-
-def _describe_facts(files: Iterable[Facts]) -> tuple[str, ...]:
-    """Return one line for each fact: its values with their number of files, by origin."""
-    counts: dict[str, dict[str, Counter[str]]] = {}
-    for facts in files:
-        for key, (value, origin) in facts.items():
-            counts.setdefault(key, {}).setdefault(origin, Counter())[value] += 1
-
-    lines = []
-    for key in sorted(counts, key=_fact_order):
-        parts = []
-        for origin, values in counts[key].items():
-            texts = [f"{value} ({count})" for value, count in values.items()]
-            parts.append(f"{join_names(texts, _MAX_LISTED_VALUES)}, from {origin}")
-        lines.append(f"{key}: {'; '.join(parts)}")
-    return tuple(lines)
-
-
-def _fact_order(key: str) -> tuple[int, str]:
-    if key in _FIRST_FACTS:
-        return _FIRST_FACTS.index(key), key
-    return len(_FIRST_FACTS), key
-
-
-def _value_text(value: Any) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)

@@ -1,13 +1,22 @@
-"""Files beside recordings: event logs, descriptions of the device, formats that cannot be read."""
+"""Files beside recordings: event logs, slow logs, results, formats that cannot be read."""
 
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from swashtwin.foundation import plural
-from swashtwin.recordings.file_formats import suffix_of, suffixes
+from swashtwin.foundation import DataError, plural
+from swashtwin.recordings.column_roles import (
+    NoVibrationError,
+    describe_excluded,
+    vibration_columns,
+)
+from swashtwin.recordings.file_formats import open_raw, suffix_of, suffixes
 from swashtwin.recordings.findings import join_names
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
+from swashtwin.recordings.formats.sample_units import acceleration_factor, has_dimension
+from swashtwin.recordings.scaling import SENSED_UNIT
 
 # Suffixes of tables as text.
 _TEXT_SUFFIXES = frozenset({".csv", ".tsv", ".txt", ".dat"})
@@ -23,6 +32,15 @@ _MIN_WORD_SHARE = 1 / 3
 
 # Lines of numbers alone from which a file is a recording, however long its header is.
 _MIN_NUMERIC_LINES = 20
+
+# Rows up to which a table of words, or with a column of times without a rate, may be of results.
+_MAX_TABLE_ROWS = 100
+
+# Rows of a recording for each row of a table beside it: a shorter one may be a short recording.
+_MIN_ROW_RATIO = 10
+
+# Lowest rate [Hz] of a vibration: a shaft of 300 rev/min is 5 Hz, and a sine needs two samples.
+_MIN_VIBRATION_RATE_HZ = 10.0
 
 # Bytes of a text file in which names of other files are searched.
 _MAX_HEAD_BYTES = 1 << 16
@@ -79,6 +97,89 @@ def _holds_words(text: str) -> bool:
         and n_words > 0
         and (n_words >= _MIN_WORD_SHARE * n_cells)
     )
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Why a file beside recordings is probably not one."""
+
+    reason: str
+    """Words that follow the name of the file."""
+    n_rows: int | None = None
+    """Rows of a short table, which may be a recording beside others as short; else None."""
+
+    def holds_beside(self, max_rows: int) -> bool:
+        """Return whether the doubt remains beside recordings of up to `max_rows` rows."""
+        return self.n_rows is None or self.n_rows * _MIN_ROW_RATIO <= max_rows
+
+
+def describe_doubt(path: Path, raw: RawFile, options: ReadOptions) -> Doubt | None:
+    """Return why a file is probably not a recording if there are others, or None.
+
+    It holds other quantities than vibration, is too slow for one, or is a short table of results.
+
+    Parameters
+    ----------
+    raw : content of the file at `path`.
+    """
+    if "recording_id" in raw.facts:
+        return None  # a recording that was written here
+
+    if _holds_no_vibration(raw, options):
+        listed = describe_excluded(raw, options, raw.columns)["other_columns"]
+        return Doubt(f"holds no vibration: {listed}")
+
+    rates = [raw.rates.get(name, raw.sample_rate) for name in raw.columns]
+    known_rates = [rate for rate in rates if rate is not None]
+    if known_rates:
+        rate = max(known_rates)
+        is_slow = rate < _MIN_VIBRATION_RATE_HZ
+        return Doubt(f"is a log at {rate:g} Hz, too slow for a vibration") if is_slow else None
+
+    n_rows = len(next(iter(raw.columns.values())))
+    is_short = n_rows < _MIN_NUMERIC_LINES
+    if n_rows <= _MAX_TABLE_ROWS:
+        is_short = is_short or _has_words_or_times(path, options)
+    if not is_short:
+        return None
+    listed = join_names(list(raw.columns))
+    return Doubt(f"holds {plural(n_rows, 'row')} of {listed} without a sample rate", n_rows)
+
+
+def _has_words_or_times(path: Path, options: ReadOptions) -> bool:
+    """Return whether a file has a column of words, or one of times that state no rate."""
+    # A specified sample rate replaces the times, so that nothing is reported about them.
+    raw = open_raw(path, replace(options, sample_rate=None))
+    return not raw.attributes.keys().isdisjoint({"text_columns", "time_gaps"})
+
+
+def _holds_no_vibration(raw: RawFile, options: ReadOptions) -> bool:
+    """Return whether units and names say that all columns are of other quantities.
+
+    A specified unit of another quantity than acceleration selects its columns itself.
+    """
+    unit = options.unit
+    if unit not in (None, "1") and acceleration_factor(unit) is None:
+        return False
+    if any(acceleration_factor(unit) is not None for unit in raw.units.values() if unit != "1"):
+        return False  # most files, without reading their values
+    if "other_columns" not in describe_excluded(raw, options, raw.columns):
+        return False  # states, such as the classes of each sample
+
+    try:
+        names = vibration_columns(raw, replace(options, unit="g", sensitivity=None), "a file")
+    except NoVibrationError:
+        return unit in (None, "1")  # another unit is refused with the columns to select
+    except DataError:
+        return False  # it cannot be decided, which is reported
+    return not any(_may_be_of_vibration(raw.units.get(name)) for name in names)
+
+
+def _may_be_of_vibration(unit: str | None) -> bool:
+    if unit is None or unit == "1" or SENSED_UNIT.fullmatch(unit):
+        return True
+    is_motion = has_dimension(unit, "m/s") or has_dimension(unit, "m")
+    return is_motion or acceleration_factor(unit) is not None
 
 
 def find_unreadable_files(folder: Path) -> list[str]:

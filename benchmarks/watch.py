@@ -433,16 +433,21 @@ def fill(folder: Path) -> Path:
     return path
 
 
+def write_killed_config(folder: Path, database: str, broker_port: int) -> Path:
+    """Configuration of a watch with a source of each kind, which keeps few waveforms."""
+    text = '[[source]]\nkind = "mqtt"\nhost = "127.0.0.1"\n'
+    text += f'port = {broker_port}\ntopic = "plant/+/raw"\n'
+    text += "[retention]\nper_day = 1\nlatest = 5\nalarms = 5\n"
+    machines = ["by-folder", "by-broker", "by-upload"]
+    return write_config(folder, machines, text=text, history=database, data="disk/data")
+
+
 def torment(folder: Path, kills: int, is_small: bool) -> dict[str, Any]:
     """What became of the recordings."""
     moments, events = random.Random(0), Counter[str]()
     database, broker = Database(), Broker(folder / "broker")
     broker.start()
-    text = '[[source]]\nkind = "mqtt"\nhost = "127.0.0.1"\n'
-    text += f'port = {broker.port}\ntopic = "plant/+/raw"\n'
-    text += "[retention]\nper_day = 1\nlast = 5\nalarms = 5\n"
-    machines = ["by-folder", "by-broker", "by-upload"]
-    config = write_config(folder, machines, text=text, history=database.url, data="disk/data")
+    config = write_killed_config(folder, database.url, broker.port)
     watch = WatchProcess(config)
     deliveries = Deliveries(watch, broker, folder / "incoming")
     watch.start()

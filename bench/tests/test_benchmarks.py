@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swashtwin.monitoring.config.config_file import load_watch_config
+
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 STEPS = 60
 
@@ -162,3 +164,11 @@ def swashtwin_imports(text: str) -> Iterator[tuple[str, str | None]]:
             and "import" in node.value
         ):
             yield from swashtwin_imports(node.value)
+
+
+def test_the_watch_reads_the_configuration_that_is_killed(tmp_path: Path) -> None:
+    watch = importlib.import_module("watch")
+    path = watch.write_killed_config(tmp_path, "postgresql://127.0.0.1/swashtwin", 1883)
+    config = load_watch_config(path)
+    assert [source.kind for source in config.sources] == ["folder", "http", "mqtt"]
+    assert config.retention.latest == 5

@@ -1,5 +1,6 @@
 """Each channel of a file has its own rate and unit, and takes nothing from another channel."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -230,3 +231,98 @@ def test_a_vector_called_t_that_does_not_rise_is_a_channel(
     path = write(tmp_path, fs=1000.0, t=np.sin(np.arange(len(X))))
 
     assert load_recording(path).channels == ("x", "t")
+
+
+# ---- units at the end of names
+
+
+def write_columns(path: Path, *names: str, factor: float = 1.0) -> Path:
+    """Write noise in columns behind a time in steps of 0.1 ms."""
+    noise = np.random.default_rng(5).standard_normal((2000, len(names)))
+    rows = np.column_stack([np.arange(2000) * 1e-4, factor * noise])
+    np.savetxt(path, rows, delimiter=",", header=",".join(["time", *names]), comments="")
+    return path
+
+
+TRAILING_UNITS = [
+    *(("x_mg", "mg", G * 1e-3), ("DE mg", "mg", G * 1e-3), ("acc_m_s2", "m/s^2", 1.0)),
+    *(("acc ms^-2", "m/s^2", 1.0), ("ch1_mps2", "m/s^2", 1.0), ("acc m/s2", "m/s^2", 1.0)),
+    *(("acc2 mm/s²", "mm/s^2", 1e-3), ("acc_g", "g", G), ("ax_g", "g", G)),
+]
+
+
+@pytest.mark.parametrize(("name", "unit", "factor"), TRAILING_UNITS)
+def test_a_unit_at_the_end_of_a_name_is_that_of_the_column(
+    name: str, unit: str, factor: float, tmp_path: Path
+) -> None:
+    path = write_columns(tmp_path / "a.csv", name)
+
+    loaded = load_recording(path)
+
+    assert (loaded.channels, loaded.unit) == ((name,), "m/s^2")
+    assert np.std(loaded.signal) == pytest.approx(factor, rel=0.05)
+    other = "m/s^2" if unit == "g" else "g"
+    with pytest.raises(DataError, match=f"is in {re.escape(unit)}, but {re.escape(other)} is"):
+        load_recording(path, unit=other)
+
+
+@pytest.mark.parametrize("name", ["vel mm/s", "vel_mm_s", "x_mV"])
+def test_a_velocity_or_a_voltage_at_the_end_of_a_name_is_no_acceleration(
+    name: str, tmp_path: Path
+) -> None:
+    with pytest.raises(DataError, match="but g is specified"):
+        load_recording(write_columns(tmp_path / "a.csv", name), unit="g")
+
+
+@pytest.mark.parametrize("names", [("sensor_f", "sensor_g"), ("g",), ("acc_x", "acc_g"), ("x_V",)])
+def test_a_letter_that_numbers_a_sensor_is_no_unit(names: tuple[str, ...], tmp_path: Path) -> None:
+    path = write_columns(tmp_path / "a.csv", *names)
+
+    assert load_recording(path, unit="m/s^2").channels == names
+
+
+COUNT_NAMES = pytest.mark.parametrize(
+    "name", ["Acc (counts)", "ax_LSB", "ch1 counts", "X [counts]"]
+)
+
+
+@COUNT_NAMES
+def test_counts_are_no_acceleration(name: str, tmp_path: Path) -> None:
+    path = write_columns(tmp_path / "a.csv", name, factor=500.0)
+
+    with pytest.raises(DataError, match=r"counts?, but g is|LSB, but g is") as refusal:
+        load_recording(path, unit="g")
+
+    assert "sensitivity='0.488 mg/count'" in str(refusal.value)
+    scaled = load_recording(path, sensitivity="2 mg/count")
+    assert np.std(scaled.signal) == pytest.approx(G, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["Acc (counts)", "ax_LSB", "many counts here", "counts"])
+def test_counts_are_read_as_plain_numbers(name: str, tmp_path: Path) -> None:
+    assert load_recording(write_columns(tmp_path / "a.csv", name), unit="1").unit == "1"
+
+
+# ---- sensitivities without a unit
+
+
+@pytest.mark.parametrize(
+    ("unit", "sensitivity"), [("Volts", "1 V/g"), ("mV", "1 mV/g"), ("counts", "1 g")]
+)
+def test_the_advice_about_a_sensitivity_without_a_unit_works(
+    unit: str, sensitivity: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.mat"
+    savemat(path, {"x": X, "x_unit": unit, "x_sensitivity": 100.0, "fs": X_RATE})
+
+    for facts in ({}, {"unit": "g"}):
+        with pytest.raises(DataError, match=f"sensitivity='{sensitivity}'"):
+            load_recording(path, **facts)
+
+    np.testing.assert_allclose(load_recording(path, sensitivity=sensitivity).signal[0], X * G)
+
+
+def test_a_sensitivity_beside_an_unknown_unit_may_be_applied(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"x": X, "x_sensitivity": 100.0, "fs": X_RATE})
+
+    np.testing.assert_allclose(load_recording(tmp_path / "a.mat", unit="g").signal[0], X * G)

@@ -10,6 +10,7 @@ from swashtwin.foundation import DataError, InputError, MissingFileError, SwashT
 from swashtwin.recordings.formats.isolation import read_in_subprocess
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, require_plausible_rates
 from swashtwin.recordings.formats.signatures import describe_content, require_content
+from swashtwin.recordings.formats.trailing_units import with_trailing_units
 
 Reader = Callable[[Path, ReadOptions], RawFile]
 """Reads a file with the options of its index entry."""
@@ -144,7 +145,7 @@ def open_raw(path: Path, options: ReadOptions) -> RawFile:
         hint = f"; left out: {skipped}" if skipped else ""
         raise DataError(f"{path} holds no vector of numbers{hint}.")
     require_plausible_rates(path, raw)
-    return raw
+    return with_trailing_units(raw)
 
 
 def _find_reader(path: Path) -> Reader:

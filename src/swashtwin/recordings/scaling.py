@@ -13,6 +13,7 @@ from swashtwin.recordings.formats.sample_units import (
     normalize_unit,
     require_sample_unit,
 )
+from swashtwin.recordings.formats.trailing_units import count_unit
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _BARE_NUMBER = re.compile(r"[\d.eE+-]+")
@@ -177,6 +178,7 @@ def _scale_channel(
             )
         if name not in raw.units:
             _refuse_other_unit(raw, options, name, source_name)
+            _refuse_counts(options, name, source_name)
         return 1.0, _resolve_unit(raw.units.get(name), options.unit, name, source_name)
 
     unit_in_file = raw.units.get(name, raw.facts.get("unit"))
@@ -231,6 +233,27 @@ def _refuse_other_unit(raw: RawFile, options: ReadOptions, name: str, source_nam
             field="unit",
             remedy="Set {unit='1'} to read the plain numbers, or select other {channels}.",
         )
+
+
+def _refuse_counts(options: ReadOptions, name: str, source_name: str) -> None:
+    """Refuse a unit of a quantity, or none, for a column whose heading says counts."""
+    unit = count_unit(name)
+    if unit is None or options.unit == "1":
+        return
+    specified = f", but {options.unit} is specified" if options.unit else ""
+    raise DataError(
+        f"{source_name} states that {name!r} is in {unit}{specified}.",
+        field="sensitivity",
+        remedy=_count_remedy(options),
+    )
+
+
+def _count_remedy(options: ReadOptions) -> str:
+    """Return what to do about a channel in counts."""
+    per_count = "the value of one count, such as {sensitivity='0.488 mg/count'}"
+    if options.unit is None:
+        return f"Set {per_count}, or {{unit='1'}} if it is unknown."
+    return f"Replace {{unit}} by {per_count}, or by {{unit='1'}} if it is unknown."
 
 
 def _require_plain_numbers(
@@ -343,15 +366,32 @@ def _sensitivities_in_file(
             raise DataError(
                 f"{source_name} states the sensitivity {text} of {name!r} without its unit.",
                 field="sensitivity",
-                remedy=(
-                    f"Set {{sensitivity='{text} mV/g'}} or whatever it is, or {{unit='g'}} if it "
-                    "is applied already."
-                ),
+                remedy=_bare_sensitivity_remedy(text, raw.units.get(name), options),
             )
         sensitivity = _Sensitivity.parse(text, source_name)
         if unit and sensitivity.value_of(unit) is not None:
             sensitivities[name] = sensitivity
     return sensitivities
+
+
+def _bare_sensitivity_remedy(text: str, unit_in_file: str | None, options: ReadOptions) -> str:
+    """Return what to do about a sensitivity without a unit, by the unit that the file states."""
+    if unit_in_file is None:
+        return (
+            f"Set {{sensitivity='{text} mV/g'}} or whatever it is, or {{unit='g'}} if it is "
+            "applied already."
+        )
+
+    start = "Set" if options.unit is None else "Replace {unit} by"
+    if re.fullmatch(_ELECTRIC, unit_in_file) is None:
+        return (
+            f"{start} the value of one number, such as {{sensitivity='0.01 g'}}, or "
+            "{sensitivity='1 g'} if the numbers are in g already."
+        )
+    return (
+        f"{start} {{sensitivity='{text} mV/g'}} or whatever it is, or "
+        f"{{sensitivity='1 {unit_in_file}/g'}} if the numbers are in g already."
+    )
 
 
 def _resolve_unit(in_file: str | None, specified: str | None, name: str, source_name: str) -> str:
@@ -377,6 +417,8 @@ def _resolve_unit(in_file: str | None, specified: str | None, name: str, source_
     if in_file == "1":
         scale = propose_setting("sensitivity", f"1 {specified}")
         remedy = f"Remove {{unit}}, or set its scale: {scale}."
+    elif re.fullmatch(_COUNT, in_file):
+        remedy = "Remove {unit}, or set its scale: {sensitivity='0.488 mg/count'}."
     elif is_voltage_of_acceleration:
         remedy = "Remove {unit}, or set its scale: {sensitivity='100 mV/g'}."
     else:

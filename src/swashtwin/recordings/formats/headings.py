@@ -76,7 +76,10 @@ def split_unit(text: str) -> tuple[str, str | None]:
     match = _UNIT_AFTER_WORD.match(text)
     # A slash within brackets belongs to their unit: "(rad/s)" is not "(rad" in seconds.
     is_within_brackets = match is not None and re.search(r"[\[(][^\])]*$", match[1]) is not None
-    if match and not is_within_brackets and normalize_unit(match[2]) in TRADE_UNITS:
+    # "mm/s" is a velocity, not millimeters of a time in seconds.
+    is_velocity = match is not None and re.search(r"(?:^|[\s_])[muµμ]?m$", match[1]) is not None
+    is_part = is_within_brackets or (is_velocity and "/" in text)
+    if match and not is_part and normalize_unit(match[2]) in TRADE_UNITS:
         return match[1], normalize_unit(match[2])
     return text, None
 

@@ -1,5 +1,6 @@
 """Shapes that are not those of one recording, files never closed, and integers with a scale."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +96,20 @@ def test_windows_in_rows_are_asked_about_in_each_format(
 
     with pytest.raises(DataError, match="numbered columns of"):
         load_recording(path, unit="g", sample_rate="4 kHz")
+
+
+@pytest.mark.parametrize("others", [{}, {"y": np.arange(100) % 3}, {"Fs": 1e4, "t": np.arange(7.0)}])
+def test_the_advice_about_windows_in_rows_works(tmp_path: Path, others: dict[str, Any]) -> None:
+    rows = np.random.default_rng(1).standard_normal((100, 2048))
+    path = write_arrays(tmp_path / "a.mat", {"X": rows, **others})
+    facts = {"unit": "g", "sample_rate": "10 kHz"}
+
+    with pytest.raises(DataError, match="numbered columns of") as refusal:
+        load_recording(path, **facts)
+
+    advice = re.search(r"such as '(.*?)'", str(refusal.value))
+    assert advice is not None
+    assert load_recording(path, channels=(advice[1],), **facts).n_channels == 100
 
 
 def test_lists_in_cells_are_asked_about(tmp_path: Path) -> None:

@@ -2,7 +2,8 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
 from math import prod
 from pathlib import Path
 
@@ -66,12 +67,22 @@ def require_recording_shape(
         return
 
     counts = Counter((re.sub(r"\d+", "", name), len(column)) for name, column in columns.items())
-    for (_, n_rows), n_columns in counts.items():
+    for (family, n_rows), n_columns in counts.items():
         if n_columns >= _MIN_WINDOW_COLUMNS and n_rows < _MAX_ROWS_PER_COLUMN * n_columns:
+            names = [name for name in columns if re.sub(r"\d+", "", name) == family]
             raise DataError(
                 f"{path} has {n_columns} numbered columns of {n_rows} samples: does each row hold "
                 "a window, or a spectrum?",
                 field="channels",
                 remedy="If so, save the samples of each recording as one column; if each column is "
-                "a channel, select them with {channels}, such as '*'.",
+                f"a channel, select them with {{channels}}{_example_of(names, columns)}.",
             )
+
+
+def _example_of(names: Sequence[str], columns: Iterable[str]) -> str:
+    """Return the pattern that selects these columns and no other as an example for a message."""
+    word = re.split(r"\W|\d", names[0])[0]  # names differ in their numbers only
+    for pattern in ("*", f"{word}*"):
+        if [column for column in columns if fnmatchcase(column, pattern)] == list(names):
+            return f", such as {pattern!r}"
+    return " by their names"

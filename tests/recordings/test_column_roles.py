@@ -427,3 +427,108 @@ def test_a_file_of_other_quantities_only_gets_no_other_unit(
 
     with pytest.raises(DataError, match=f"holds no column that may be in {unit}: {names[0]}"):
         load_recording(path, **options)
+
+
+# ---- quaternions, actual values and noisy pulses
+
+
+@pytest.mark.parametrize(
+    "components",
+    [("qw", "qx", "qy", "qz"), ("q_w", "q_x", "q_y", "q_z"), ("q0", "q1", "q2", "q3")],
+)
+def test_quaternions_are_no_vibrations(components: tuple[str, ...], tmp_path: Path) -> None:
+    columns = {"time": TIME_S, "ax": NOISE[0], **dict(zip(components, NOISE, strict=True))}
+    path = write_table(tmp_path / "a.csv", columns)
+
+    recording = load_recording(path, unit="g")
+
+    assert recording.channels == ("ax",)
+    assert f"{components[0]} (quaternion?)" in recording.attributes["other_columns"]
+
+
+def test_three_numbered_sensors_are_no_quaternion(tmp_path: Path) -> None:
+    columns = {"time": TIME_S, "q1": NOISE[0], "q2": NOISE[1], "q3": NOISE[2]}
+    path = write_table(tmp_path / "a.csv", columns)
+
+    assert load_recording(path, unit="g").channels == ("q1", "q2", "q3")
+
+
+@pytest.mark.parametrize("name", ["Istwert", "p_ist", "actual value"])
+def test_an_actual_value_is_asked_about(name: str, tmp_path: Path) -> None:
+    columns = {"time": TIME_S, "AI0": NOISE[0], "Sollwert": 15 + NOISE[1], name: 15 + NOISE[2]}
+    path = write_table(tmp_path / "a.csv", columns)
+
+    with pytest.raises(DataError, match=rf"are vibrations: {name} \(an actual value\?\)"):
+        load_recording(path, unit="g")
+
+    assert load_recording(path, unit="g", channels=("AI0",)).channels == ("AI0",)
+
+
+@pytest.mark.parametrize("name", ["Istwert", "actual"])
+def test_an_actual_value_alone_is_a_channel(name: str, tmp_path: Path) -> None:
+    path = write_table(tmp_path / "a.csv", {"time": TIME_S, name: NOISE[0]})
+
+    assert load_recording(path, unit="g").channels == (name,)
+
+
+def noisy_pulses(height: float, noise: float) -> np.ndarray:
+    is_high = np.sin(2 * np.pi * 30 * TIME_S) > 0.9
+    return np.asarray(height * is_high + noise * NOISE[2])
+
+
+@pytest.mark.parametrize(("height", "noise"), [(4.8, 0.02), (-24.0, 0.1), (3.3, 0.05)])
+def test_noisy_pulses_are_left_out(height: float, noise: float, tmp_path: Path) -> None:
+    columns = {"time": TIME_S, "acc": NOISE[0], "ch2": noisy_pulses(height, noise)}
+    path = write_table(tmp_path / "a.csv", columns)
+
+    recording = load_recording(path, unit="g")
+
+    assert recording.channels == ("acc",)
+    assert "ch2 (pulses with a height of" in recording.attributes["state_columns"]
+
+
+NOT_PULSES: dict[str, np.ndarray] = {
+    "impacts": NOISE[2] * 0.05 + 5 * (TIME_S * 20 % 1 < 0.1) * np.exp(-(TIME_S * 20 % 1) * 30),
+    "clipped": np.clip(20 * np.sin(2 * np.pi * 30 * TIME_S), -5, 5) + 0.01 * NOISE[2],
+    "step": 5.0 * (TIME_S > 0.1) + 0.01 * NOISE[2],
+    "marks of missing values": np.where(TIME_S * 20 % 1 < 0.1, -9999.0, NOISE[2]),
+    "vibration on pulses": noisy_pulses(4.8, 1.0),
+}
+
+
+@pytest.mark.parametrize("kind", NOT_PULSES)
+def test_a_signal_with_levels_is_a_channel(kind: str, tmp_path: Path) -> None:
+    columns = {"time": TIME_S, "acc": NOISE[0], "ch2": NOT_PULSES[kind]}
+    path = write_table(tmp_path / "a.csv", columns)
+
+    assert load_recording(path, unit="g").channels == ("acc", "ch2")
+
+
+# ---- names in structures of MATLAB
+
+
+def write_named_structures(path: Path, names: list[str]) -> Path:
+    """Write structures in cells, each with its name in a field, as test rigs export them."""
+    channels = np.empty(len(names), dtype=object)
+    for number, name in enumerate(names):
+        channels[number] = {"Name": name, "Data": NOISE[number]}
+    scipy.io.savemat(path, {"N15": {"Y": channels, "Info": "rig"}})
+    return path
+
+
+@pytest.mark.parametrize("other", ["temp", "force", "speed"])
+def test_a_vector_has_the_name_of_its_structure(other: str, tmp_path: Path) -> None:
+    path = write_named_structures(tmp_path / "a.mat", ["vibration_1", other])
+
+    recording = load_recording(path, unit="g", sample_rate=RATE)
+
+    assert recording.channels == ("N15.Y.vibration_1.Data",)
+    assert recording.attributes["other_columns"].startswith(f"N15.Y.{other}.Data")
+
+
+def test_structures_of_equal_names_keep_their_numbers(tmp_path: Path) -> None:
+    path = write_named_structures(tmp_path / "a.mat", ["acc", "acc"])
+
+    recording = load_recording(path, unit="g", sample_rate=RATE)
+
+    assert recording.channels == ("N15.Y(1).Data", "N15.Y(2).Data")

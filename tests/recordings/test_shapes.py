@@ -98,7 +98,9 @@ def test_windows_in_rows_are_asked_about_in_each_format(
         load_recording(path, unit="g", sample_rate="4 kHz")
 
 
-@pytest.mark.parametrize("others", [{}, {"y": np.arange(100) % 3}, {"Fs": 1e4, "t": np.arange(7.0)}])
+@pytest.mark.parametrize(
+    "others", [{}, {"y": np.arange(100) % 3}, {"Fs": 1e4, "t": np.arange(7.0)}]
+)
 def test_the_advice_about_windows_in_rows_works(tmp_path: Path, others: dict[str, Any]) -> None:
     rows = np.random.default_rng(1).standard_normal((100, 2048))
     path = write_arrays(tmp_path / "a.mat", {"X": rows, **others})

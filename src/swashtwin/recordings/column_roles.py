@@ -51,8 +51,32 @@ _MAX_STATES = 16
 # Samples for each change of a state; the noise of a converter changes nearly every sample.
 _SAMPLES_PER_CHANGE = 20
 
+# Samples at the beginning in which pulses are looked for: two seconds of most recordings.
+_PULSE_SAMPLES = 1 << 16
+
+# Two pulses have four edges; a single step is that of a sensor that came loose.
+_MIN_PULSE_EDGES = 4
+
+# Deviation from a level of pulses by their height: a vibration that is a tenth of it has more.
+_MAX_PULSE_NOISE = 0.05
+
+# Samples on the edges of pulses are on neither level.
+_MIN_LEVEL_SHARE = 0.97
+
+# A level with fewer values has no noise.
+_MIN_NOISY_VALUES = 5
+
 # Letters before an axis that stand for another sensor beside accelerations, as in gx or mx.
-_OTHER_AXES = {"g": "gyroscope?", "m": "magnetometer?", "w": "rotation?"}
+_OTHER_AXES = {"g": "gyroscope?", "m": "magnetometer?", "w": "rotation?", "q": "quaternion?"}
+
+# Component of a quaternion beside those that are named by axes, and the numbers of all four.
+_QUATERNION_SCALAR = re.compile(r"q[_ ]?w", re.IGNORECASE)
+_QUATERNION_NUMBERS = {"q0", "q1", "q2", "q3"}
+
+# Words of a value that is measured beside its set point.
+_ACTUAL_VALUE = re.compile(
+    r"(?:.*[\W_])?(?:ist|ist[_ -]?wert|actual|actual[_ -]?value)", re.IGNORECASE
+)
 
 # What a sensor of vibration measures.
 _VIBRATING = (Quantity.vibration, Quantity.motion)
@@ -230,6 +254,7 @@ def _role_of(raw: RawFile, options: ReadOptions, name: str) -> Role:
         _role_by_unit(raw, options, name)
         or _role_by_name(raw, name)
         or _role_by_values(raw.columns[name], name)
+        or _role_by_pulses(raw.columns[name], name)
         or Role(RoleKind.candidate)
     )
 
@@ -283,7 +308,17 @@ def _role_by_name(raw: RawFile, full_name: str) -> Role | None:
         return Role(RoleKind.other if is_unit else RoleKind.doubtful, f"in {unit}?")
 
     reason = _OTHER_AXES.get(axis_stem(name) or "")
+    if _QUATERNION_SCALAR.fullmatch(name) or _is_quaternion_number(name, raw.columns):
+        reason = "quaternion?"
+    if _ACTUAL_VALUE.fullmatch(name):
+        reason = "an actual value?"
     return None if reason is None else Role(RoleKind.doubtful, reason)
+
+
+def _is_quaternion_number(name: str, names: Iterable[str]) -> bool:
+    """Return whether a name is that of one of the four components of a quaternion by number."""
+    is_component = name.lower() in _QUATERNION_NUMBERS
+    return is_component and {other.lower() for other in names} >= _QUATERNION_NUMBERS
 
 
 def _role_of_meaning(meaning: Meaning, column: Column) -> Role | None:
@@ -405,6 +440,36 @@ def _role_by_values(column: Column, name: str) -> Role | None:
         is_pulse = len(values) == 2 and min(values) == 0
         is_state = axis_stem(name) is None and (is_pulse or (is_slow and are_whole))
     return Role(RoleKind.state, _describe_values(values)) if is_state else None
+
+
+def _role_by_pulses(column: Column, name: str) -> Role | None:
+    """Return that a column holds the noisy pulses of a tachometer: two levels, one near zero."""
+    if axis_stem(name) is not None:
+        return None
+
+    samples = np.asarray(column[0:_PULSE_SAMPLES], dtype=np.float64)
+    samples = samples[np.isfinite(samples)]
+    if len(samples) < _MIN_STATE_SAMPLES:
+        return None
+
+    is_high = samples > (samples.min() + samples.max()) / 2
+    n_changes = int((np.diff(is_high)).sum())
+    is_slow = n_changes * _SAMPLES_PER_CHANGE <= len(samples)
+    if n_changes < _MIN_PULSE_EDGES or not is_slow:
+        return None
+
+    low, high = (float(np.median(samples[mask])) for mask in (~is_high, is_high))
+    height = high - low
+    is_from_zero = min(abs(low), abs(high)) < _MAX_PULSE_NOISE * height
+    deviations = np.abs(samples - np.where(is_high, high, low))
+    is_tight = float(np.mean(deviations < _MAX_PULSE_NOISE * height)) > _MIN_LEVEL_SHARE
+    # The mark of a missing value is one number; a level that was measured has noise.
+    are_noisy = all(
+        np.unique(samples[mask]).size >= _MIN_NOISY_VALUES for mask in (~is_high, is_high)
+    )
+    if not (is_from_zero and is_tight and are_noisy):
+        return None
+    return Role(RoleKind.state, f"pulses with a height of {height:.2g}")
 
 
 def _are_states(values: np.ndarray) -> bool:

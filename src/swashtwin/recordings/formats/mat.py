@@ -1,7 +1,7 @@
 """MATLAB files, versions 4 to 7.3."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import prod
 from pathlib import Path
@@ -149,8 +149,7 @@ def _flatten(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, An
         elif isinstance(value, list) and any(
             isinstance(cell, (np.ndarray, dict)) for cell in value
         ):
-            cells = {f"{name}({number})": cell for number, cell in enumerate(value, 1)}
-            variables += _flatten(cells, prefix)
+            variables += _flatten(_cells(name, value), prefix)
         else:
             path = _TESTLAB_UNIT.sub("unit", f"{prefix}{name}").replace("x_values.", "")
             variables.append((path, value))
@@ -166,15 +165,28 @@ def _structures(fields: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     structures = [
         {key: values[index] for key, values in fields.items()} for index in range(lengths.pop())
     ]
+    names = _structure_names(structures)
+    if names is None:
+        names = [str(number) for number in range(1, len(structures) + 1)]
+    return [(f".{name}", structure) for name, structure in zip(names, structures, strict=True)]
+
+
+def _structure_names(structures: Sequence[Mapping[str, Any]]) -> list[str] | None:
+    """Return the different names that structures state in a field, or None."""
     names: list[str] = []
     for structure in structures:
         name_keys = (key for key in structure if key.lower() in ("name", "label", "title"))
         name_key = next(name_keys, None)
-        names.append("" if name_key is None else str(structure[name_key]))
-    if len(set(names)) < len(names) or not all(names):
-        names = [str(number) for number in range(1, len(structures) + 1)]
+        name = "" if name_key is None else structure[name_key]
+        names.append(name.strip().replace(".", "_") if isinstance(name, str) else "")
+    has_all = all(names) and len(set(names)) == len(names)
+    return names if has_all else None
 
-    return [
-        (f".{name.replace('.', '_')}", structure)
-        for name, structure in zip(names, structures, strict=True)
-    ]
+
+def _cells(name: str, cells: Sequence[Any]) -> dict[str, Any]:
+    """Return the cells of a variable by their paths: by the names that all state, or by numbers."""
+    are_structures = all(isinstance(cell, dict) for cell in cells)
+    names = _structure_names(cells) if are_structures else None
+    if names is not None:
+        return {f"{name}.{cell_name}": cell for cell_name, cell in zip(names, cells, strict=True)}
+    return {f"{name}({number})": cell for number, cell in enumerate(cells, 1)}

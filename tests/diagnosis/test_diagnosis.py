@@ -19,6 +19,7 @@ from swashtwin.diagnosis import (
     load_classifier,
     save_classifier,
 )
+from swashtwin.diagnosis.recording_arguments import require_layout
 from swashtwin.foundation import (
     ArtifactError,
     DataError,
@@ -34,6 +35,7 @@ from swashtwin.learning import (
     BiTCN,
     FittedClassifier,
     TrainingSettings,
+    WindowLayout,
     WindowSet,
     build_network,
     cut_windows,
@@ -236,6 +238,18 @@ def test_a_recording_that_does_not_fit_the_classifier_is_refused_with_both_value
 ):
     with pytest.raises(DataError, match=messages):
         diagnose(classifier, replace(recording("new", "normal"), **change))
+
+
+@pytest.mark.parametrize(
+    ("channels", "missing"), [(("a", "c"), "b"), (("b",), "a, c"), (("x", "y"), "a, b, c")]
+)
+def test_a_recording_with_too_few_channels_is_refused_with_the_missing_ones(channels, missing):
+    layout = WindowLayout(sample_rate=2000.0, channels=("a", "b", "c"), unit="g", length=64)
+    signal = np.random.default_rng(0).normal(size=(len(channels), 480))
+    measured = Recording(signal, 2000.0, "new", channels=channels, unit="g")
+
+    with pytest.raises(DataError, match=f"not among its channels: {missing}. Read all"):
+        require_layout(layout, measured)
 
 
 def test_a_diagnosis_imports_no_library_that_it_does_not_need(tmp_path):

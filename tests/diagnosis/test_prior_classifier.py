@@ -418,7 +418,19 @@ def changed(**values: object) -> Recording:
             changed(condition=CONDITION.replace(discharge_pressure=MPa(15))),
             "discharge pressure of 15 MPa",
         ),
-        (changed(condition=None), "specifies no speed"),
+        (
+            changed(condition=None),
+            "specifies no speed, which shaft orders need. Set speed (such as 860 rpm).",
+        ),
+        (
+            changed(condition=None, attributes={"speed": "860 rpm"}),
+            "specifies no discharge pressure, which the comparison with healthy recordings "
+            "requires. Set pressure (such as 15 MPa).",
+        ),
+        (
+            recording("normal", 9).select_channels(["cover_z", "body_y"]),
+            "lacks 1 channel of the healthy recordings; not among its channels: body_x.",
+        ),
         (
             changed(channels=("a", "b", "c")),
             "has the channels a, b, c, the healthy recordings have cover_z",

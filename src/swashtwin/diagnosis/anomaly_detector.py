@@ -14,7 +14,14 @@ from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.healthy_spectrum import detector_spectrum
 from swashtwin.diagnosis.recording_arguments import require_layout, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
-from swashtwin.foundation import DataError, InputError, load_artifact, plural, save_artifact
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    load_artifact,
+    plural,
+    save_artifact,
+    spell_in_words,
+)
 from swashtwin.learning import (
     DEFAULT_FALSE_ALARM_RATE,
     MAX_OUTLIER_SHARE,
@@ -226,7 +233,7 @@ class AnomalyDetector(Estimator):
                 content = recording.content_hashes()
                 doubts = describe_sensor_doubts(recording)
         except DataError as cause:
-            return replace(diagnosis, no_verdict=str(cause))
+            return replace(diagnosis, no_verdict=cause.describe(spell_in_words))
         if not math.isfinite(deviation.score):
             reason = (
                 "its band powers are not finite numbers: a sample is far too large. Cut it out or "

@@ -38,6 +38,7 @@ from swashtwin.foundation import (
     from_table,
     plural,
     read_artifact,
+    spell_in_words,
     to_table,
     translate_load_errors,
     write_artifact,
@@ -397,7 +398,7 @@ class PriorClassifier:
                 notes = (*notes, *describe_sensor_doubts(recording))
                 content = recording.content_hashes()
         except DataError as cause:
-            return replace(diagnosis, no_verdict=str(cause))
+            return replace(diagnosis, no_verdict=cause.describe(spell_in_words))
         if find_exact_copies(self.manifest, {recording.recording_id: content}):
             note = (
                 "The classifier was trained with this very recording, so the answer proves nothing."
@@ -481,6 +482,14 @@ class PriorClassifier:
     def _require_comparable(self, recording: Recording, unit: str) -> None:
         """Raise a `DataError` if a recording differs from every virtual pump in its conditions."""
         name = recording.recording_id
+        missing = [channel for channel in self.channels if channel not in recording.channels]
+        if missing and len(recording.channels) < len(self.channels):
+            raise DataError(
+                f"{name} lacks {plural(len(self.channels) - len(recording.channels), 'channel')} "
+                f"of the healthy recordings; not among its channels: {', '.join(missing)}.",
+                field="channels",
+                remedy="Read all channels of the file, or record the missing ones too.",
+            )
         if recording.channels != self.channels:
             raise DataError(
                 f"{name} has the channels {', '.join(recording.channels)}, the healthy recordings "
@@ -555,6 +564,13 @@ class PriorClassifier:
         pressure = specified_pressure(recording)
         speed = 2 * math.pi * require_shaft_frequency(recording)
         at_pressure, at_speed = self._match_references(specimen, speed, pressure)
+        if not at_pressure.any() and math.isnan(pressure):
+            raise DataError(
+                f"{recording.recording_id} specifies no discharge pressure, which the comparison "
+                "with healthy recordings requires.",
+                field="pressure",
+                remedy="Set {pressure='15 MPa'}.",
+            )
         if not at_pressure.any():
             raise DataError(
                 f"No healthy recording of {recording.specimen or 'the machine'} is at a discharge "

@@ -112,6 +112,11 @@ def require_layout(layout: WindowLayout, recording: Recording) -> None:
             "Specify what a number in the file means: {sensitivity='100 mV/g'} for volts, "
             "{sensitivity='1 g'} for a plain number."
         )
+    elif len(recording.channels) < len(layout.channels):
+        missing = [channel for channel in layout.channels if channel not in recording.channels]
+        difference += f"; not among its channels: {', '.join(missing)}"
+        field = "channels"
+        remedy = "Read all channels of the file, or record the missing ones too."
     else:
         field = "names"
         remedy = (

@@ -16,7 +16,7 @@ from swashtwin.diagnosis.reasons import (
 )
 from swashtwin.diagnosis.recording_arguments import require_layout
 from swashtwin.diagnosis.verdict import Diagnosis
-from swashtwin.foundation import DataError, InputError, plural
+from swashtwin.foundation import DataError, InputError, plural, spell_in_words
 from swashtwin.learning import (
     Confidence,
     FittedClassifier,
@@ -106,7 +106,7 @@ def diagnose(
             notes = _recording_notes(classifier, recording)
             notes += describe_sensor_doubts(recording)
     except DataError as cause:
-        return replace(diagnosis, no_verdict=str(cause))
+        return replace(diagnosis, no_verdict=cause.describe(spell_in_words))
 
     class_indices = likeliest_class(answers.probability)
     diagnosis = replace(

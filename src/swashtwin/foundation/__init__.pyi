@@ -31,6 +31,7 @@ from .errors import propose_setting as propose_setting
 from .errors import render_settings as render_settings
 from .errors import spell_for_index as spell_for_index
 from .errors import spell_for_python as spell_for_python
+from .errors import spell_in_words as spell_in_words
 from .file_access import FileStamp as FileStamp
 from .file_access import as_path as as_path
 from .file_access import file_stamp as file_stamp

@@ -43,6 +43,19 @@ def spell_for_index(name: str, value: str) -> str:
     return f"{name} = {toml_value}"
 
 
+def spell_in_words(name: str, value: str) -> str:
+    """Return a setting for readers of unknown kind: a verdict may be printed, stored or shown.
+
+    Examples
+    --------
+    >>> spell_in_words("sample_rate", "'25.6 kHz'"), spell_in_words("unit", "")
+    ('sample rate (such as 25.6 kHz)', 'unit')
+    """
+    words = name.replace("_", " ")
+    bare_value = value.strip("'\"")
+    return f"{words} (such as {bare_value})" if bare_value else words
+
+
 def render_settings(text: str, spelling: Spelling = spell_for_python) -> str:
     """Return a text with the settings that stand in braces spelled out.
 

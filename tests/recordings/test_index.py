@@ -801,6 +801,34 @@ def test_a_setting_overrides_name_and_header(
     assert ("pressure = 10 MPa is specified" in note.message) == (not head.endswith(" 150\n"))
 
 
+@pytest.mark.parametrize(
+    ("head", "stated"),
+    [
+        ("Label: normal", "Label = normal"),
+        ("Klasse;Gleitschuh", "Klasse = Gleitschuh"),
+        ("class: piston", None),
+        ("Label: Piston", None),
+        ("Label: 3", None),
+        ("Classification: normal", None),
+    ],
+)
+def test_a_class_in_the_header_that_does_not_count_is_noted(
+    head: str, stated: str | None, tmp_path: Path
+) -> None:
+    facts = write_tables(
+        tmp_path, "piston/1.csv", "piston/2.csv", text=f"{head}\nx;y\n1.5;2.5\n3.5;4.5\n"
+    )
+
+    proposal = propose_index(tmp_path, **facts)
+
+    assert {entry["label"] for entry in proposal.index["recording"]} == {"piston"}
+    messages = [note.message for note in proposal.notes if note.kind == "contradicted_label"]
+    assert len(messages) == (2 if stated else 0)
+    if stated:
+        expected = f"piston/1.csv: the class piston counts, the header states {stated}."
+        assert messages[0] == expected
+
+
 def test_a_setting_of_the_same_value_is_not_noted(tmp_path: Path) -> None:
     facts = write_tables(tmp_path, "normal_150bar_1.csv")
 

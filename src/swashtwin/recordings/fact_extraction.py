@@ -93,6 +93,9 @@ _MACHINE_CODE = re.compile(
 # Characters of the name of a machine; longer texts are descriptions.
 _MAX_SPECIMEN_LENGTH = 40
 
+# Words of headings that name a class.
+_LABEL_WORDS = frozenset({"label", "class", "klasse"})
+
 _HEADING_UNIT = re.compile(r"(rpm|hz|bar|mpa|kpa|psi)$", re.IGNORECASE)
 
 # A word after that of a quantity, such as sensor or channel: its number is another one.
@@ -343,6 +346,27 @@ def parse_header_machine(raw: RawFile) -> tuple[str | None, list[str]]:
         else:
             unused_lines.append(f"{name.strip()} = {value}")
     return machine, unused_lines
+
+
+def describe_header_label(raw: RawFile, label: str) -> str:
+    """Return that the header of a file states another class than `label`, or an empty text."""
+    if raw.facts:
+        return ""
+
+    for name, text in _header_pairs(raw):
+        value = str(text).strip(" ;,\t\"'")
+        heading_words = set(words_of(name))
+        value_words = set(words_of(value))
+        names_class = bool(heading_words) and heading_words <= _LABEL_WORDS
+        # A number may be the code of the class, and a long text describes it.
+        is_code = re.fullmatch(_NUMBER, value) is not None
+        if not names_class or is_code or len(value) > _MAX_SPECIMEN_LENGTH:
+            continue
+
+        # The class may hold more words, such as the machine or the size of the fault.
+        if not value_words <= set(words_of(label)):
+            return f"the class {label} counts, the header states {name.strip()} = {value}"
+    return ""
 
 
 def _names_machine(value: str, has_number_word: bool) -> bool:

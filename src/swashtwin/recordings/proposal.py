@@ -24,6 +24,7 @@ from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.fact_extraction import (
     are_equal_quantities,
     describe_contradictions,
+    describe_header_label,
     parse_header_facts,
     parse_header_machine,
     parse_path_facts,
@@ -407,6 +408,9 @@ class _Survey:
         if self.pressure_unit is None and pressures_without_unit(values):
             self.missing.setdefault("pressure_unit", []).append(name)
 
+        if label_text := describe_header_label(raw, values.get("label", "")):
+            self._note(name, "contradicted_label", f"{name}: {plain_text(label_text)}.")
+
         for entry_values in self._part_entries(raw, {"file": name, **values}):
             self._add_entry(raw, entry_values, origins)
 
@@ -469,14 +473,13 @@ class _Survey:
         A table or a pattern states them for each file, and overrides the setting.
         """
         entry = self._entry({"file": name})
-        default_origin = self._default_origin
         overridden: dict[str, dict[str, Any]] = {}
         for key in QUANTITIES:
             is_set = key in self.defaults and key in values
             if not is_set or are_equal_quantities(values[key], self.defaults[key], key):
                 continue
 
-            origin = origins.get(key, default_origin)
+            origin = origins.get(key, self._default_origin)
             if origin in ("the table", "the pattern"):
                 self._note(
                     name,

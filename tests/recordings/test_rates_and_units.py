@@ -326,3 +326,18 @@ def test_a_sensitivity_beside_an_unknown_unit_may_be_applied(tmp_path: Path) -> 
     savemat(tmp_path / "a.mat", {"x": X, "x_sensitivity": 100.0, "fs": X_RATE})
 
     np.testing.assert_allclose(load_recording(tmp_path / "a.mat", unit="g").signal[0], X * G)
+
+
+# ---- channels of another quantity
+
+
+def test_plain_numbers_are_proposed_for_channels_without_another_unit(tmp_path: Path) -> None:
+    path = write_columns(tmp_path / "a.csv", "Acc (g)", "T (degF)")
+
+    with pytest.raises(DataError, match="is in degF") as refusal:
+        load_recording(path, channels=("Acc", "T*"))
+    assert "unit='1'" not in str(refusal.value)
+
+    with pytest.raises(DataError, match="Set unit='1' to read the plain numbers"):
+        load_recording(path, channels=("T*",))
+    assert load_recording(path, channels=("T*",), unit="1").unit == "1"

@@ -140,6 +140,8 @@ def resolve_scaling(
     factors: list[float] = []
     names_by_unit: dict[str, list[str]] = {}
     for name in channels:
+        if name not in sensitivities and name not in raw.units:
+            _refuse_other_unit(raw, options, name, channels, source_name)
         number, unit = _scale_channel(raw, options, name, sensitivities.get(name), source_name)
         factor = acceleration_factor(unit)
         if factor is not None:
@@ -177,7 +179,6 @@ def _scale_channel(
                 remedy="Set {unit='V'} or {unit='mV'}, or {unit='g'} if it is applied already.",
             )
         if name not in raw.units:
-            _refuse_other_unit(raw, options, name, source_name)
             _refuse_counts(options, name, source_name)
         return 1.0, _resolve_unit(raw.units.get(name), options.unit, name, source_name)
 
@@ -215,7 +216,9 @@ def _scale_channel(
     return factor, sensitivity.unit
 
 
-def _refuse_other_unit(raw: RawFile, options: ReadOptions, name: str, source_name: str) -> None:
+def _refuse_other_unit(
+    raw: RawFile, options: ReadOptions, name: str, channels: Sequence[str], source_name: str
+) -> None:
     """Refuse a specified unit for a column whose heading says another one, such as ``dBm``."""
     if name in raw.foreign_units:
         meaning = meaning_of_unit(raw.foreign_units[name])
@@ -228,10 +231,14 @@ def _refuse_other_unit(raw: RawFile, options: ReadOptions, name: str, source_nam
     is_unit = text != meaning.reason
     if is_unit and options.unit != "1" and normalize_unit(options.unit or "") != text:
         specified = f", but {options.unit} is specified" if options.unit else ""
+        # A channel with a unit beside it contradicts the unit of plain numbers.
+        is_unit_stated = any(channel in raw.units for channel in channels)
         raise DataError(
             f"{source_name} states that {name!r} is in {text}{specified}.",
-            field="unit",
-            remedy="Set {unit='1'} to read the plain numbers, or select other {channels}.",
+            field="channels" if is_unit_stated else "unit",
+            remedy="Select other {channels}."
+            if is_unit_stated
+            else "Set {unit='1'} to read the plain numbers, or select other {channels}.",
         )
 
 

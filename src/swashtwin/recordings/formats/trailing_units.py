@@ -42,16 +42,16 @@ def with_trailing_units(raw: RawFile) -> RawFile:
         return raw  # a recording that was written here states its unit
 
     units = _trailing_units(raw.columns, raw.units)
-    known = {name: unit for name, unit in units.items() if name not in raw.foreign_units}
-    return replace(raw, units={**raw.units, **known}) if known else raw
+    units = {name: unit for name, unit in units.items() if name not in raw.foreign_units}
+    return replace(raw, units={**raw.units, **units}) if units else raw
 
 
-def _trailing_units(names: Iterable[str], stated: Mapping[str, str]) -> dict[str, str]:
+def _trailing_units(names: Iterable[str], known_units: Mapping[str, str]) -> dict[str, str]:
     """Return the units at the end of names, for columns that have no stated unit."""
     names = list(names)
     units: dict[str, str] = {}
     for name in names:
-        unit = None if name in stated else _trailing_unit(name, names)
+        unit = None if name in known_units else _trailing_unit(name, names)
         if unit is not None:
             units[name] = unit
     return units

@@ -51,9 +51,9 @@ def spell_in_words(name: str, value: str) -> str:
     >>> spell_in_words("sample_rate", "'25.6 kHz'"), spell_in_words("unit", "")
     ('sample rate (such as 25.6 kHz)', 'unit')
     """
-    words = name.replace("_", " ")
+    setting_name = name.replace("_", " ")
     bare_value = value.strip("'\"")
-    return f"{words} (such as {bare_value})" if bare_value else words
+    return f"{setting_name} (such as {bare_value})" if bare_value else setting_name
 
 
 def render_settings(text: str, spelling: Spelling = spell_for_python) -> str:

@@ -319,7 +319,7 @@ class _Survey:
             self._skip(cause.message, cause.remedy)
 
     def _add_doubtful(self, name: str, raw: RawFile, doubt: Doubt) -> None:
-        """Read a file that may hold no recording into a survey of its own."""
+        """Read a file that may hold no recording into a separate survey."""
         survey = replace(
             self,
             entries=[],

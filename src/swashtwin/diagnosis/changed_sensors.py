@@ -83,7 +83,7 @@ def _describe_other_speed(
         return ()
     sentence = (
         f"The lines of the piston passes are those of {speed_ratio * specified_rpm:.4g} rev/min, "
-        "not of the specified speed. Correct the speed or the sample rate in the index."
+        "not of the specified speed. Correct the specified speed or sample rate."
     )
     return (sentence,)
 

@@ -49,7 +49,7 @@ MIN_LINE_CHANGE = 1.5
 """Root mean square of the lines' changes, in healthy standard deviations, from which on a fault is
 named: with less, most of the change is that of the noise floor."""
 FEW_SHOT_WEIGHT = 30.0
-"""Weight of a measured fault, where a virtual recording of a fault has 1."""
+"""Weight of a measured fault; that of a virtual recording of a fault is 1."""
 
 # Weight of virtual recordings that are healthy or of an unknown fault.
 _BACKGROUND_WEIGHT = 0.5

@@ -93,6 +93,7 @@ def _find_unusable_channel(
     """
     peak = max(channel.maximum, -channel.minimum)
     marks = [outliers for outliers in channel.outliers if outliers.mark(factor) is not None]
+
     if channel.invalid_count:
         message = (
             f"{channel.invalid_count} of {recording.n_samples} samples are missing or "
@@ -100,15 +101,18 @@ def _find_unusable_channel(
             "cut them out or repair the file."
         )
         return Finding("nan", "error", name, message)
+
     if peak > _MAX_VALUE:
         message = (
             f"a sample of {peak:.3g} {recording.unit} is larger than a window can hold "
             f"({_MAX_VALUE:.2g}); cut it out, or repair the file."
         )
         return Finding("too_large", "error", name, message)
+
     if channel.is_constant:
         message = f"every sample is {channel.minimum:g}: a dead or unplugged sensor?"
         return Finding("constant", "error", name, message)
+
     if marks:
         mark = marks[0].farthest
         count = sum(outliers.numbers.size for outliers in marks)
@@ -121,6 +125,7 @@ def _find_unusable_channel(
             "Cut them out or repair the file."
         )
         return Finding("missing", "error", name, message)
+
     if channel.wrap_count:
         message = (
             f"the samples jump {channel.wrap_count} times from one end of their range to the "

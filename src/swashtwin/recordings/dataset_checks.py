@@ -48,10 +48,12 @@ def layout_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
         ),
         ("unit", "units", units, 'specify sensitivity = "..." for each in the index'),
     )
+
     for kind, noun, pairs, advice in checks:
         groups = _group_by(pairs)
         if len(groups) < 2:
             continue
+
         parts = []
         for value, group in groups.items():
             names = join_names([recording.recording_id for recording in group])

@@ -235,15 +235,15 @@ def find_altered_pairs(fingerprints: Mapping[str, Sequence[str]]) -> list[tuple[
     ----------
     fingerprints : fingerprints by id.
     """
-    known = {name: texts for name, texts in fingerprints.items() if texts}
-    if len(known) < 2:
+    texts_by_id = {name: texts for name, texts in fingerprints.items() if texts}
+    if len(texts_by_id) < 2:
         return []
 
-    names = list(known)
+    names = list(texts_by_id)
     pairs: set[tuple[int, int]] = set()
-    for (listed, candidate), similar in _similar_fingerprints(list(known.values())).items():
+    for (listed, candidate), similar in _similar_fingerprints(list(texts_by_id.values())).items():
         pair = (max(listed, candidate), min(listed, candidate))
-        first = known[names[candidate]][:1]
+        first = texts_by_id[names[candidate]][:1]
         if pair not in pairs and _match({names[listed]: similar}, {names[candidate]: first}):
             pairs.add(pair)
     return [(names[later], names[earlier]) for later, earlier in sorted(pairs)]

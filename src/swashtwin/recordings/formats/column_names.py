@@ -155,11 +155,11 @@ def parse_time_name(name: str) -> TimeName | None:
         word in _TIME_WORDS or _TIME_COMPOUND.fullmatch(word) is not None for word in rest
     )
     is_unit_alone = not rest and len(name_words) == 1 and name_words[0] in _CLEAR_UNIT_WORDS
-    known = (
+    is_time_word = (
         word in _TIME_WORDS or word in _TIME_QUALIFIERS or _TIME_COMPOUND.fullmatch(word)
         for word in rest
     )
-    if len(units) > 1 or not (has_time_word or is_unit_alone) or not all(known):
+    if len(units) > 1 or not (has_time_word or is_unit_alone) or not all(is_time_word):
         return None
 
     in_brackets = _UNIT_WORDS.get(unit_text.lower())

@@ -31,6 +31,7 @@ from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefec
 from swashtwin.recordings import Recording
 from swashtwin.synthesis import (
     Variation,
+    machine_of,
     simulate_windows,
     synthesize,
     twin_windows,
@@ -152,6 +153,54 @@ def test_windows_have_the_gain_of_the_healthy_machine(twin: Twin, measured: Wind
     plain_signal = plain.signal[:, :2]
     loud_signal = loud.signal[:, :2]
     np.testing.assert_allclose(loud_signal, 3 * plain_signal, rtol=1e-3, atol=1e-4)
+
+
+def as_machine(windows: WindowSet, name: str, *, gain: float = 1.0) -> WindowSet:
+    """The windows as if they were recorded on a machine of this name, louder by `gain`."""
+    recording_id = np.array([f"{name}-{identity}" for identity in windows.recording_id])
+    return replace(
+        windows,
+        signal=(gain * windows.signal).astype(np.float32),
+        specimen=np.full(len(windows), name),
+        recording_id=recording_id,
+    )
+
+
+def test_a_twin_of_a_machine_has_its_gain_and_noise_alone(twin: Twin, measured: WindowSet) -> None:
+    quiet = as_machine(measured, "quiet")
+    both = quiet + as_machine(measured, "loud", gain=3)
+
+    def simulate(like: WindowSet, **arguments: Any) -> np.ndarray:
+        return simulate_windows(twin, count=6, like=like, seed=0, **arguments).signal
+
+    expected = simulate(quiet)
+    np.testing.assert_array_equal(simulate(both, specimens=["quiet"]), expected)
+    assert simulate(both).std() > 1.2 * expected.std()
+
+    # two machines take turns with their twins
+    turns = simulate_windows(
+        [twin, twin], count=6, like=both, seed=0, specimens=["quiet", "loud"]
+    ).signal
+    np.testing.assert_array_equal(turns[::2], expected[::2])
+    assert turns[1::2].std() > 2 * expected[1::2].std()
+
+
+def test_the_pool_lends_noise_if_the_machine_has_no_healthy_windows_at_the_pressure(
+    twin: Twin, measured: WindowSet
+) -> None:
+    is_at_15 = measured.discharge_pressure == MPa(15)
+    elsewhere = as_machine(measured.subset(~is_at_15), "elsewhere")
+    like = elsewhere + as_machine(measured, "other")
+
+    def simulate(**arguments: Any) -> np.ndarray:
+        return simulate_windows(twin, count=2, like=like, seed=0, **arguments).signal
+
+    np.testing.assert_array_equal(simulate(specimens=["elsewhere"]), simulate())
+
+
+def test_there_is_one_specimen_for_each_twin(twin: Twin, measured: WindowSet) -> None:
+    with pytest.raises(InputError, match="There are 2 specimens for 1 twins; give one for each"):
+        simulate_windows(twin, count=1, like=measured, seed=0, specimens=["A", "B"])
 
 
 def test_a_gain_error_is_attributed_to_path_and_floor(twin: Twin, measured: WindowSet) -> None:
@@ -306,6 +355,22 @@ def test_windows_of_a_calibration_are_those_of_its_twins_and_posterior(
         twins, count=4, like=measured, seed=0, posterior=[calibration.posterior] * 2
     )
     np.testing.assert_array_equal(calibrated_windows.signal, simulated.signal)
+
+
+def test_windows_of_a_calibration_have_gain_and_noise_of_its_machine(
+    calibration: Calibration, measured: WindowSet
+) -> None:
+    quiet = as_machine(measured, "quiet")
+    is_healthy = quiet.label == "normal"
+    recording_id = np.where(is_healthy, calibration.recording_ids[0], quiet.recording_id)
+    quiet = replace(quiet, recording_id=recording_id)
+    both = quiet + as_machine(measured, "loud", gain=3)
+
+    assert machine_of(calibration, both) == "quiet"
+    assert machine_of(calibration, measured) == ""
+    windows = synthesize(calibration, FAULT, count=4, like=both)
+    alone = synthesize(calibration, FAULT, count=4, like=quiet)
+    np.testing.assert_array_equal(windows.signal, alone.signal)
 
 
 def test_windows_of_a_calibration_have_their_fidelity(calibrated_windows: SyntheticWindows) -> None:

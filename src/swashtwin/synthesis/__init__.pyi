@@ -13,6 +13,7 @@ from .order_changes import simulate_changes as simulate_changes
 from .pump_prior import PumpPrior as PumpPrior
 from .pump_prior import operating_range as operating_range
 from .twin_windows import build_windows as build_windows
+from .twin_windows import machine_of as machine_of
 from .twin_windows import require_count as require_count
 from .twin_windows import simulate_windows as simulate_windows
 from .twin_windows import synthesize as synthesize

@@ -188,10 +188,17 @@ def _median_gain(log_power_ratios: Float[np.ndarray, " order"]) -> float:
     return float(np.exp(np.nanmedian(log_power_ratios) / 2))
 
 
-def background_noise(like: WindowSet, twin: Twin) -> BackgroundNoise:
+def background_noise(like: WindowSet, twin: Twin, specimen: str = "") -> BackgroundNoise:
     """Return the noise of the measured windows nearest to the twin's pressure.
 
-    Healthy windows are preferred.
+    Healthy windows are preferred. If some of these are of the twin's own machine at its operating
+    point, no other machine lends anything: noise and gain differ from machine to machine, and an
+    average of several is that of none.
+
+    Parameters
+    ----------
+    specimen : machine in `like` that the twin describes; empty if it is none of them, as for a
+        nominal twin.
 
     Raises
     ------
@@ -213,6 +220,10 @@ def background_noise(like: WindowSet, twin: Twin) -> BackgroundNoise:
     pressure = twin.condition.discharge_pressure
     distance = np.abs(like.discharge_pressure - pressure)
     is_at_pressure = np.asarray(values_match(like.discharge_pressure, pressure, PRESSURE_TOLERANCE))
+    if specimen:
+        of_machine = candidates & is_at_pressure & (like.specimen == specimen)
+        if of_machine.any():
+            candidates = of_machine
     if np.isfinite(distance[candidates]).any():
         candidates &= distance <= np.nanmin(distance[candidates]) + _PRESSURE_MARGIN_PA
 

@@ -160,7 +160,10 @@ def synthesize(
 
     bandwidth = min(twin.bandwidth, measured.sample_rate / _BANDWIDTH_OF_SAMPLE_RATE)
     twin = replace(twin, bandwidth=bandwidth)
+    machine = ""
     posterior = None
+    if calibration is not None:
+        machine = machine_of(calibration, measured)
     if calibration is not None and values == "drawn":
         posterior = [calibration.posterior] * len(conditions)
     simulate = partial(
@@ -172,19 +175,21 @@ def synthesize(
         background=background,
         posterior=posterior,
         law=[law] * len(conditions),
+        specimens=[machine] * len(conditions),
     )
     windows = simulate([twin.at(condition) for condition in conditions])
 
     # The recordings of the calibration had a part in the windows: no test may meet them.
     calibrated_on = {} if calibration is None else calibration.recording_hashes
+    find_comparable = partial(_comparable_windows, measured, windows, machine)
     window_fields = {entry.name: getattr(windows, entry.name) for entry in fields(WindowSet)}
     window_fields["manifest"] = join_manifests([windows.manifest, calibrated_on])
     healthy_classes = [name for name in measured.classes if is_healthy(name)]
     healthy_twins = [twin.at(condition).with_fault(None) for condition in conditions]
     return SyntheticWindows(
         **window_fields,
-        measured=_comparable_windows(measured, windows, windows.label, calibrated_on),
-        measured_healthy=_comparable_windows(measured, windows, healthy_classes, calibrated_on),
+        measured=find_comparable(windows.label),
+        measured_healthy=find_comparable(healthy_classes),
         simulate_healthy=partial(simulate, healthy_twins),
         pistons=twin.pump.rotating_group.piston_count,
         seed=seed,
@@ -247,22 +252,27 @@ def _calibration_notes(
     return notes
 
 
+def machine_of(calibration: Calibration, like: WindowSet) -> str:
+    """Return the machine in `like` that a twin was calibrated on; empty if it is not known.
+
+    A calibration names its recordings; those that are in `like` name the machine.
+    """
+    is_calibrated_on = ~like.synthetic & np.isin(like.recording_id, calibration.recording_ids)
+    machines = set(like.specimen[is_calibrated_on].tolist()) - {""}
+    return machines.pop() if len(machines) == 1 else ""
+
+
 def _comparable_windows(
-    like: WindowSet,
-    synthetic: WindowSet,
-    labels: Sequence[str] | np.ndarray,
-    calibrated_on: Iterable[str],
+    like: WindowSet, synthetic: WindowSet, machine: str, labels: Sequence[str] | np.ndarray
 ) -> WindowSet | None:
     """Return measured windows of some classes to compare synthetic ones with; None if none exist.
 
-    They are at the pressures of the synthetic ones, if there are such windows. If the calibration
-    used recordings of one specimen only, they are of that machine.
+    They are at the pressures of the synthetic ones, if there are such windows, and of the machine
+    that the twin was calibrated on, if it is known.
     """
     is_same_class = ~like.synthetic & np.isin(like.label, labels)
-    calibrated_windows = np.isin(like.recording_id, list(calibrated_on))
-    machines = set(like.specimen[calibrated_windows].tolist()) - {""}
-    if len(machines) == 1:
-        is_same_class &= like.specimen == machines.pop()
+    if machine:
+        is_same_class &= like.specimen == machine
 
     is_at_pressure = np.zeros(len(like), dtype=bool)
     for pressure in np.unique(synthetic.discharge_pressure):
@@ -284,6 +294,7 @@ def simulate_windows(
     background: Background = "spectrum",
     posterior: Sequence[Posterior] | None = None,
     law: Sequence[FaultLaw | None] | None = None,
+    specimens: Sequence[str] | None = None,
 ) -> WindowSet:
     """Make synthetic windows of twins, with the layout and the classes of `like`.
 
@@ -307,23 +318,30 @@ def simulate_windows(
         twin's own.
     law : law of a recess (`Calibration.law`), one for each twin: how far slippers follow is drawn
         from its estimate, and the noise rises with the depth.
+    specimens : machine in `like` that each twin describes, or an empty text (`machine_of`). If
+        `like` has healthy windows of that machine at the twin's pressure, noise and gain are those
+        of these windows alone. Without, they are those of all machines together.
 
     Raises
     ------
     InputError
         The twins' class is not among the windows' classes or differs between them, the channels
-        differ, there is nothing to lay the windows over, or there are not as many posteriors as
-        twins.
+        differ, there is nothing to lay the windows over, or there are not as many posteriors or
+        specimens as twins.
     """
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     require_count(count)
     _require_agreement(twins, like)
+    machines = _machine_of_each(twins, specimens)
     sources = _draw_sources(twins, posterior, count, seed)
     laws = [None] * len(twins) if law is None else list(law)
     sensors = [_sensor_indices(twin, like.channels) for twin in twins]
     noises: list[BackgroundNoise] = []
     if background == "spectrum":
-        noises = [background_noise(like, twin) for twin in twins]
+        noises = [
+            background_noise(like, twin, machine)
+            for twin, machine in zip(twins, machines, strict=True)
+        ]
     gains = [
         noise.gains(twin, rows) for noise, twin, rows in zip(noises, twins, sensors, strict=False)
     ]
@@ -362,6 +380,17 @@ def simulate_windows(
         specimen=np.array([f"twin of {source.pump.name}" for source in sources]),
         seed=seed,
     )
+
+
+def _machine_of_each(twins: Sequence[Twin], specimens: Sequence[str] | None) -> list[str]:
+    """Return the machine that each twin describes; an empty text if none was given."""
+    if specimens is None:
+        return [""] * len(twins)
+    if len(specimens) != len(twins):
+        raise InputError(
+            f"There are {len(specimens)} specimens for {len(twins)} twins; give one for each."
+        )
+    return list(specimens)
 
 
 def _vary(source: Twin, law: FaultLaw | None, variation: Variation, seed: int, index: int) -> Twin:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import InputError, MPa
-from swashtwin.physics import LoadCase, Twin, force_lines
+from swashtwin.physics import LoadCase, Twin
 from swashtwin.pump import (
     CLASSES,
     Interfaces,
@@ -23,6 +23,7 @@ from swashtwin.signals import order_spectrum
 from swashtwin_bench import SIZES, build_rig, rig_recordings
 from swashtwin_bench.rigs.fleet import Housing, draw_specimen, film_factors
 from swashtwin_bench.rigs.measuring import Run, shaft_angle, shell_lines, slipper_loading
+from swashtwin_bench.rigs.oil import force_lines
 from swashtwin_bench.rigs.writing import DEEP_VERSION, RIG_VERSION, RigSize
 
 TINY = RigSize(specimens=1, repeats=1, duration=0.5)

@@ -8,7 +8,8 @@ versions (`writing.VERSIONS`), each of them frozen.
 
 **What it is not.** A machine. No figure made on it states how well anything works on a real pump,
 and every report that uses it says so. Version 1 shares with the twin the rigid-body equations, the
-chamber pressures, the fault laws and the pump's drawing (geometry, masses, positions of the
-sensors). Its interface values, mounting, bearings, clearances, housing, contact, scatter, drift and
-noise are separate. `version_two` shares less, `version_three` nothing.
+laws of chambers and faults, and the pump's drawing (geometry, masses, positions of the sensors).
+Its chambers are solved apart (`rigs.oil`); its interface values, mounting, bearings, clearances,
+housing, contact, scatter, drift and noise are separate. `version_two` shares less, `version_three`
+nothing.
 """

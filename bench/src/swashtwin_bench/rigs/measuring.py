@@ -20,7 +20,6 @@ from swashtwin.physics import (
     assemble,
     excitation_lines,
     fault_forces,
-    force_lines,
     periodic_steady_state,
     worn_values,
 )
@@ -34,6 +33,7 @@ from swashtwin.signals import (
     transform,
 )
 from swashtwin_bench.rigs.fleet import Specimen, film_factors
+from swashtwin_bench.rigs.oil import force_lines, ride_lines
 
 T = TypeVar("T")
 
@@ -192,7 +192,7 @@ def _fault_lines(
 ) -> torch.Tensor:
     """Return the lines of a fault's forces at angular frequencies [rad/s]."""
     specimen = run.specimen
-    motion = excitation_lines(specimen.pump, run.condition, run.fault, len(frequency) - 1)
+    motion = _motion_lines(run, len(frequency) - 1)
 
     if isinstance(run.fault, SwashPlateDefect):
         hertz = frequency / (2 * np.pi)
@@ -203,6 +203,15 @@ def _fault_lines(
         return torch.as_tensor(force)[:, None] * structure.lateral_vector
 
     return fault_forces(specimen.pump, structure, TOPOLOGY, run.fault, values, frequency, motion)
+
+
+def _motion_lines(run: Run, n_lines: int) -> Complex[np.ndarray, " line"]:
+    """Return order lines 0...`n_lines` [m] of the displacement that a fault imposes."""
+    fault = run.fault
+    if isinstance(fault, SwashPlateDefect) and fault.contact == "lift_off":
+        return ride_lines(run.specimen.pump, run.condition, fault, n_lines)
+
+    return excitation_lines(run.specimen.pump, run.condition, fault, n_lines)
 
 
 def sensor_lines(run: Run) -> Complex[np.ndarray, "sensor line"]:
@@ -224,7 +233,7 @@ def _pressure_lines(run: Run) -> Complex[np.ndarray, "order 13"]:
     case = LoadCase(run.specimen.pump, run.condition, run.fault, run.specimen.clearances)
     n_lines = int(BANDWIDTH / run.condition.shaft_frequency)
 
-    return force_lines(case, n_lines, topology=TOPOLOGY)
+    return force_lines(case, n_lines)
 
 
 def shaft_angle(

@@ -6,18 +6,18 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import random_stream
-from swashtwin.physics import LoadCase, force_lines
+from swashtwin.physics import LoadCase
 from swashtwin.pump import OperatingCondition
 from swashtwin.signals import inverse_transform, line_frequencies, synchronous_signal
 from swashtwin_bench.rigs.measuring import (
     BANDWIDTH,
-    TOPOLOGY,
     Run,
     digitize,
     shaft_angle,
     shell_lines,
     solve_with_steps,
 )
+from swashtwin_bench.rigs.oil import force_lines
 from swashtwin_bench.rigs.version_two.fleet import SecondSpecimen
 from swashtwin_bench.rigs.version_two.sounds import (
     bursts,
@@ -75,9 +75,7 @@ def _measure_run(
     # Lines of the pump and the gear, as the sensors on their mountings read them.
     case = LoadCase(specimen.pump, condition, run.fault, specimen.clearances)
     n_lines = int(BANDWIDTH / condition.shaft_frequency)
-    pressure = solve_with_steps(
-        lambda steps: force_lines(case, n_lines, topology=TOPOLOGY, steps=steps)
-    )
+    pressure = solve_with_steps(lambda steps: force_lines(case, n_lines, steps=steps))
     lines = shell_lines(run, pressure)
     orders = np.arange(1, lines.shape[1] + 1)
     lines = lines * specimen.housing.response(orders * condition.shaft_frequency)

@@ -202,15 +202,58 @@ def test_a_recess_that_two_laws_explain_has_an_interval_around_both(
     (shared,) = estimate_severity(calibration, [record(LONG, "recess")], LONG, free=()).estimates
     depth = replace(shared.severity, interval=(mm(0.3), mm(0.9)), value=mm(0.6))
     lifting = replace(shared, dimensions=(depth,))
-    combined = combine_laws((shared, 10.0), (lifting, 11.0))
+    combined = combine_laws({"shared": (shared, 10.0), "lift_off": (lifting, 11.0)}, [])
     assert combined.severity.value == shared.severity.value
     assert combined.severity.interval == (shared.severity.interval[0], mm(0.9))
     assert shared.severity.verdict == "identified"
     assert combined.severity.verdict == "weak"
     assert "if contact=lift_off; the lines do not decide" in combined.notes[-1]
 
-    # a much better fit decides for its law
-    assert combine_laws((shared, 20.0), (lifting, 11.0)).severity == depth
+    # a law that fits much worse is named, but does not widen the interval
+    decided = combine_laws({"lift_off": (lifting, 11.0)}, ["shared"])
+    assert decided.severity == depth
+    assert decided.notes[-1].endswith("the lines exclude contact=shared")
+
+
+@pytest.mark.parametrize("stated_depth", [mm(0.07), mm(0.6)])
+def test_a_deep_recess_from_which_slippers_lift_off_is_not_excluded(
+    calibration: Calibration, record: Record, stated_depth: float
+) -> None:
+    # Stated as 0.07 mm, it was once "not detected" with an interval up to 0.03 mm: the law of
+    # films that pull was the only one searched.
+    deep = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24), contact="lift_off")
+    stated = replace(LONG, depth=stated_depth)
+    (estimate,) = estimate_severity(calibration, [record(deep, "deep")], stated).estimates
+
+    assert estimate.severity.interval[0] == 0.0
+    assert estimate.severity.interval[1] > deep.depth
+    assert estimate.severity.verdict in ("not detected", "at bound")
+    assert "if contact=shared" in estimate.notes[-1]
+    assert "if contact=lift_off" in estimate.notes[-1]
+    # no depth is distinguished from none under both laws
+    assert estimate.detection_limit is None or estimate.detection_limit > deep.depth
+
+
+def test_a_recess_much_deeper_than_stated_is_found(
+    calibration: Calibration, record: Record
+) -> None:
+    deep = SwashPlateDefect(depth=mm(0.9), length=mm(36), width=mm(24))
+    shallow = replace(deep, depth=mm(0.07))
+    (estimate,) = estimate_severity(calibration, [record(deep, "deep")], shallow, free=()).estimates
+    assert estimate.severity.interval[0] < deep.depth < estimate.severity.interval[1]
+    assert estimate.severity.value == pytest.approx(deep.depth, rel=0.25)
+    assert estimate.notes[-1].endswith("the lines exclude contact=lift_off")
+
+
+def test_lines_that_no_severity_explains_have_no_verdict(
+    calibration: Calibration, record: Record
+) -> None:
+    recess = record(replace(LONG, depth=mm(0.3)), "recess").replace(label=None)
+    (estimate,) = estimate_severity(calibration, [recess], DamScratch(2e-6)).estimates
+    assert estimate.misfit > 2
+    assert estimate.severity.verdict == "in doubt"
+    assert estimate.severity.interval == (0.0, pytest.approx(8 * 2e-6))
+    assert "nothing limits its severity" in estimate.notes[-1]
 
 
 def test_a_change_is_known_better_than_either_severity(

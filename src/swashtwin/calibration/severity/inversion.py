@@ -46,6 +46,10 @@ GRID_POINTS = 27
 sides: lines up to order k distinguish a length from those a few k-ths longer, so that there are
 many minima.
 """
+LIFT_OFF_GRID_POINTS = 9
+"""The same of a recess from which slippers lift off. Its simulation takes three times as long, and
+hardly any of its lines below 1 kHz stands out.
+"""
 MAX_STARTS = 3
 """Number of starts of descents."""
 
@@ -108,6 +112,10 @@ class Inversion(ProfileProblem):
         self.port_timing = port_timing
         self.n_unknowns = len(prior.center)
         self.simulations = 0
+
+        self.grid_points = GRID_POINTS
+        if getattr(space.reference, "contact", None) == "lift_off":
+            self.grid_points = LIFT_OFF_GRID_POINTS
 
         # a corner that is searched is what rolls the excitation off
         search = get_severity_search(space.reference)
@@ -243,10 +251,11 @@ class Inversion(ProfileProblem):
 
         Parameters
         ----------
-        starts : starts of the descents; by default the best points of a first grid.
+        starts : starts of the descents; by default the best points of a first grid, or the best
+            point without a fault if no fault can fit much better.
         """
         if starts is None:
-            starts = self._grid_starts()
+            starts = self._find_starts()
 
         descents = []
         for start in starts:
@@ -335,6 +344,48 @@ class Inversion(ProfileProblem):
         rise_at_minimum = rise[int(np.searchsorted(coordinate, severity))]
         return coordinate, minimum.height + rise - rise_at_minimum
 
+    def _fit_without_fault(self) -> Minimum:
+        """Return the best point without the fault; the lines are weighted as there."""
+        point = np.concatenate([self.prior.center, self.space.start])
+        point[self.severity] = 0.0
+        self.update_weights(point)
+        return Minimum(*self.descend(point, fixed=self.severity))
+
+    def _find_starts(self) -> list[np.ndarray]:
+        """Return the starts of the descents."""
+        without_fault = self._fit_without_fault()
+        # a fault lowers the sum of squares by no more than the whole of it
+        if without_fault.height <= self.threshold:
+            self._limit_severity()
+            return [without_fault.point]
+        return self._grid_starts()
+
+    def estimate_loss(self) -> float:
+        """Return about the smallest -2 ln likelihood of the lines at any severity, without the
+        terms that laws share.
+
+        It is that of the best point of the first grid, if the lines change with all unknowns but
+        the fault's dimensions as they do without a fault: no descent is needed.
+        """
+        without_fault = self._fit_without_fault()
+        residual, slope = self.residuals_at(without_fault.point)
+        other_slopes = slope[:, : self.n_unknowns]
+        basis, _ = np.linalg.qr(other_slopes)
+        simulated = self.observables(without_fault.point)
+
+        def height(changes: np.ndarray) -> float:
+            # what the other unknowns cannot take up
+            changed = residual.copy()
+            changed[: len(changes)] += changes
+            return float(np.sum((changed - basis @ (basis.T @ changed)) ** 2))
+
+        heights = [
+            height(self.whiten(observables - simulated))
+            for _, observables in self._simulate_grid(without_fault.point)
+        ]
+        lowest = min([without_fault.height, *heights])
+        return lowest + 2 * float(np.log(np.diag(self.root)).sum())
+
     def _grid_starts(self) -> list[np.ndarray]:
         """Return the best points of the first grid that are clearly distinct."""
         grid_points = self._evaluate_grid()
@@ -348,31 +399,53 @@ class Inversion(ProfileProblem):
         return starts
 
     def _evaluate_grid(self) -> list[tuple[float, np.ndarray]]:
-        """Return the sum of squares at each point of the first grid, with the point.
+        """Return the sum of squares at each point of the first grid, with the point."""
+        measured = self.objective.measured.numpy()
+        sigma = self.objective.sigma.numpy()
+        return [
+            (float(np.sum(((observables - measured) / sigma) ** 2)), point)
+            for point, observables in self._simulate_grid(self.prior.center)
+        ]
+
+    def _simulate_grid(self, other_unknowns: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return each point of the first grid with its observables [m/s^2].
 
         The grid spans the severity and the first further dimension.
+
+        Parameters
+        ----------
+        other_unknowns : values and nuisances at all points.
         """
         dimension_grids = [
-            2 * dimension.prior_std * np.linspace(-1, 1, GRID_POINTS)
+            2 * dimension.prior_std * np.linspace(-1, 1, self.grid_points)
             for dimension in self.space.free[1:2]
         ]
         fixed = np.zeros(max(0, len(self.space.free) - 2))
-        measured = self.objective.measured.numpy()
-        sigma = self.objective.sigma.numpy()
 
-        grid_points: list[tuple[float, np.ndarray]] = []
+        grid: list[tuple[np.ndarray, np.ndarray]] = []
         for severity, *dimensions in product(SEVERITY_GRID, *dimension_grids):
-            point = np.concatenate([self.prior.center, [severity], dimensions, fixed])
+            point = np.concatenate([other_unknowns, [severity], dimensions, fixed])
             try:
-                residual = (self.observables(point) - measured) / sigma
+                observables = self.observables(point)
             except SwashTwinError:
                 # no pump runs with a fault so severe: the search ends at the previous severity
                 self.upper[self.severity] = SEVERITY_GRID[0]
-                if grid_points:
-                    self.upper[self.severity] = grid_points[-1][1][self.severity]
+                if grid:
+                    self.upper[self.severity] = grid[-1][0][self.severity]
                 break
-            grid_points.append((float(residual @ residual), point))
-        return grid_points
+            grid.append((point, observables))
+        return grid
+
+    def _limit_severity(self) -> None:
+        """Lower the bound of the severity to one at which the pump runs."""
+        point = np.concatenate([self.prior.center, self.space.start])
+        for severity in reversed(SEVERITY_GRID):
+            point[self.severity] = self.upper[self.severity] = severity
+            try:
+                self.observables(point)
+            except SwashTwinError:
+                continue
+            return
 
     def _are_distinct(self, point: np.ndarray, start: np.ndarray) -> bool:
         """Return whether two points of the grid may descend into different valleys."""

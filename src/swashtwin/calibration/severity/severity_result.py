@@ -19,7 +19,9 @@ from swashtwin.foundation import InputError, deg, to_table
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match
 from swashtwin.recordings import Recording
 
-SeverityVerdict = Literal["identified", "weak", "not identified", "not detected", "at bound"]
+SeverityVerdict = Literal[
+    "identified", "weak", "not identified", "not detected", "at bound", "in doubt"
+]
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,8 @@ class DimensionEstimate:
     verdict: SeverityVerdict
     """``identified``: known to a standard deviation of a quarter; ``weak``; ``not identified``:
     hardly better known than before, or to a factor of five; ``not detected``: there may be no
-    fault; ``at bound``: beyond what was searched.
+    fault; ``at bound``: beyond what was searched; ``in doubt``: the twin misses the lines by more
+    than `MAX_SEVERITY_MISFIT` at any severity, so nothing limits it.
     """
 
     @property
@@ -131,6 +134,8 @@ MIN_LIKELIHOOD_DIFFERENCE = 6.0
 """Difference of -2 ln likelihood from which lines decide between two laws: one is twenty times
 likelier.
 """
+CLEAR_LIKELIHOOD_DIFFERENCE = 3 * MIN_LIKELIHOOD_DIFFERENCE
+"""The same for a law whose likelihood is only estimated (`Inversion.estimate_loss`)."""
 
 # Verdicts from the most to the least certain.
 _VERDICTS: tuple[SeverityVerdict, ...] = (
@@ -139,34 +144,52 @@ _VERDICTS: tuple[SeverityVerdict, ...] = (
     "not identified",
     "not detected",
     "at bound",
+    "in doubt",
 )
 
 
-def combine_laws(shared: tuple[Severity, float], lifting: tuple[Severity, float]) -> Severity:
-    """Return the likelier of the severities under two laws of contact; if the lines do not decide,
-    with intervals around both.
+def combine_laws(
+    severities: Mapping[str, tuple[Severity, float]], rejected: Sequence[str]
+) -> Severity:
+    """Return the likelier of the severities under the laws of contact that explain the lines, with
+    intervals around all of them.
 
-    Each is a severity with its -2 ln likelihood: with strained films, and with slippers that lift
-    off.
+    The detection limit is that of the law under which a fault is hardest to detect.
+
+    Parameters
+    ----------
+    severities : by contact, the severity and -2 ln likelihood of the lines under each such law.
+    rejected : contacts of the laws that fit much worse (`MIN_LIKELIHOOD_DIFFERENCE`).
     """
-    laws = [(*shared, "shared"), (*lifting, "lift_off")]
-    (best, best_loss, best_name), (rival, rival_loss, rival_name) = sorted(
-        laws, key=lambda law: law[1]
-    )
-    sizes = (
-        f"{best.severity.text} if contact={best_name}, {rival.severity.text} if "
-        f"contact={rival_name}"
-    )
-    if rival_loss - best_loss > MIN_LIKELIHOOD_DIFFERENCE:
-        note = f"{sizes}; the lines are those of the first"
-        return replace(best, notes=(*best.notes, note))
+    contacts = sorted(severities, key=lambda contact: severities[contact][1])
+    best, *rivals = [severities[contact][0] for contact in contacts]
+    notes = [
+        f"{best.severity.text} if contact={contacts[0]}; the lines exclude contact={contact}"
+        for contact in rejected
+    ]
+    if not rivals:
+        return replace(best, notes=(*best.notes, *notes))
 
-    pairs = zip(best.dimensions, rival.dimensions, strict=True)
-    return replace(
-        best,
-        dimensions=tuple(_combine_estimates(first, second) for first, second in pairs),
-        notes=(*best.notes, f"{sizes}; the lines do not decide between them"),
+    combined = best
+    for rival in rivals:
+        pairs = zip(combined.dimensions, rival.dimensions, strict=True)
+        combined = replace(
+            combined,
+            dimensions=tuple(_combine_estimates(first, second) for first, second in pairs),
+            detection_limit=_larger_limit(combined.detection_limit, rival.detection_limit),
+        )
+    sizes = ", ".join(
+        f"{severities[contact][0].severity.text} if contact={contact}" for contact in contacts
     )
+    note = f"{sizes}; the lines do not decide between them"
+    return replace(combined, notes=(*best.notes, note))
+
+
+def _larger_limit(first: float | None, second: float | None) -> float | None:
+    """Return the larger of two detection limits; `None` if one lies beyond the search."""
+    if first is None or second is None:
+        return None
+    return max(first, second)
 
 
 def _combine_estimates(first: DimensionEstimate, second: DimensionEstimate) -> DimensionEstimate:
@@ -179,6 +202,19 @@ def _combine_estimates(first: DimensionEstimate, second: DimensionEstimate) -> D
     if verdict == "identified" and log_std > IDENTIFIED_STD:
         verdict = "weak"
     return replace(first, interval=(low, high), log_std=log_std, verdict=verdict)
+
+
+def without_verdict(
+    dimensions: Sequence[DimensionEstimate], search_end: float
+) -> list[DimensionEstimate]:
+    """Return the dimensions in doubt, the severity with all that was searched as its interval.
+
+    Parameters
+    ----------
+    search_end : the greatest severity that was searched [SI].
+    """
+    severity, *further = (replace(estimate, verdict="in doubt") for estimate in dimensions)
+    return [replace(severity, interval=(0.0, search_end), log_std=math.inf), *further]
 
 
 def interval_log_std(low: float, high: float) -> float:
@@ -258,7 +294,7 @@ def describe_recording(
     if misfit > MAX_SEVERITY_MISFIT:
         yield (
             f"its lines differ from the twin's {misfit:.2g} times as much as noise and model error "
-            "explain: perhaps another fault"
+            "explain: perhaps another fault; nothing limits its severity"
         )
 
 

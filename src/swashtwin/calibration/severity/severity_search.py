@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -29,6 +30,9 @@ from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.inversion import Ends, Inversion, Minimum, Prior
 from swashtwin.calibration.severity.profile_likelihood import THRESHOLD
 from swashtwin.calibration.severity.severity_result import (
+    CLEAR_LIKELIHOOD_DIFFERENCE,
+    MAX_SEVERITY_MISFIT,
+    MIN_LIKELIHOOD_DIFFERENCE,
     DimensionEstimate,
     Severity,
     SeveritySettings,
@@ -38,10 +42,11 @@ from swashtwin.calibration.severity.severity_result import (
     describe_recording,
     describe_trend,
     interval_log_std,
+    without_verdict,
 )
 from swashtwin.calibration.spectrum_objective import FLOOR, Comparison, Objective
 from swashtwin.calibration.unknowns import VALUE_SLICE
-from swashtwin.foundation import VERSION, DataError, InputError, one_thread
+from swashtwin.foundation import VERSION, DataError, InputError, mm, one_thread
 from swashtwin.physics import Twin, film_factors
 from swashtwin.pump import (
     Fault,
@@ -59,6 +64,12 @@ UNIDENTIFIED_STD = 1.0
 """Standard deviation of the logarithm above which a severity that is not zero is not identified:
 90 % within a factor of 5 to both sides.
 """
+CONTACTS: tuple[Literal["shared", "lift_off"], ...] = ("shared", "lift_off")
+"""Laws of contact that a recess is searched under: slippers follow it, or lift off. Which one holds
+depends on depth and load, neither of which is known before the search.
+"""
+SEARCHED_DEPTH = mm(0.6)
+"""Minimum depth [m] from which a recess is searched, the paper's."""
 FIXED_STD = 1e-4
 """Standard deviation of a logarithm that is not searched."""
 
@@ -88,10 +99,10 @@ def estimate_severity(
     where the minimum sum over all other coordinates rises by 2.71 (profile likelihood), around all
     minima that lie so low.
 
-    A recess that is deeper than films reach (`with_fitting_contact`), as specified or as estimated,
-    is searched under both laws of contact (`combine_laws`); one that specifies no corner, under the
-    law that the calibration identified, if it did (`Calibration.law`). With a calibration in doubt
-    (`Calibration.is_in_doubt`) nothing is called identified.
+    A recess is searched under both laws of contact, `CONTACTS`, up to at least
+    `SEARCHED_DEPTH` times the last of `SEVERITY_GRID`, whatever depth is specified
+    (`combine_laws`); if the calibration identified a law (`Calibration.law`), under that one. With
+    a calibration in doubt (`Calibration.is_in_doubt`) nothing is called identified.
 
     Phases of the lines are compared if the calibration compared them. Which piston or which bore is
     damaged only turns all lines together and cannot be determined; a swash plate defect's angle
@@ -192,48 +203,80 @@ def _estimate_recording(
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Severity:
-    """Return the severity under the specified law; for a recess deeper than films reach, also with
-    slippers that lift off, unless the calibration identified a law.
-    """
-    shared = _estimate_under_law(calibration, recording, space, healthy, settings)
-    severity = shared[0]
-    fault = space.reference
-    if (
-        not isinstance(fault, SwashPlateDefect)
-        or fault.contact != "shared"
-        or calibration.law is not None
-    ):
-        return severity
-
-    # the estimated depth may exceed what films reach even if the specified one does not
-    deepest = replace(fault, depth=max(fault.depth, severity.severity.value))
-    if deepest.with_fitting_contact() == deepest:
-        return severity
-
-    lifting_space = replace(space, reference=replace(fault, contact="lift_off"))
-    lifting = _estimate_under_law(calibration, recording, lifting_space, healthy, settings)
-    return combine_laws(shared, lifting)
-
-
-def _estimate_under_law(
-    calibration: Calibration,
-    recording: Recording,
-    space: FaultSpace,
-    healthy: Sequence[Recording],
-    settings: SeveritySettings,
-) -> tuple[Severity, float]:
-    """Return the severity under the law of the space's fault, and -2 ln likelihood of the lines
-    without the terms that laws share.
+    """Return the severity, for a recess under both laws of contact unless the calibration
+    identified a law.
     """
     started = time.perf_counter()
-    comparison = build_fault_comparison(
-        calibration, [recording], space.reference, healthy, settings.band
-    )
-    inversion = build_inversion(calibration, [comparison], space, healthy, settings)
+    laws = [space]
+    if calibration.law is None:
+        laws = _list_laws(space)
+
+    fits: dict[str, _LawFit] = {}
+    losses: dict[str, float] = {}
+    for law in laws:
+        contact = getattr(law.reference, "contact", "")
+        comparison = build_fault_comparison(
+            calibration, [recording], law.reference, healthy, settings.band
+        )
+        inversion = build_inversion(calibration, [comparison], law, healthy, settings)
+        if fits:
+            # a law that is far from the first is not worth descents
+            losses[contact] = inversion.estimate_loss()
+            if losses[contact] - min(losses.values()) > CLEAR_LIKELIHOOD_DIFFERENCE:
+                continue
+        fits[contact] = _fit_law(comparison, inversion)
+        losses[contact] = fits[contact].loss
+
+    # a law that fits much worse needs no interval
+    best_loss = min(losses.values())
+    severities = {
+        contact: (_estimate_under_law(calibration, recording, fit), fit.loss)
+        for contact, fit in fits.items()
+        if fit.loss - best_loss <= MIN_LIKELIHOOD_DIFFERENCE
+    }
+    severity = combine_laws(severities, [name for name in losses if name not in severities])
+    return replace(severity, wall_s=time.perf_counter() - started)
+
+
+def _list_laws(space: FaultSpace) -> list[FaultSpace]:
+    """Return the space under each law that its fault may follow.
+
+    For a recess, the two laws of contact, from a depth that does not limit the search: what is
+    stated of the depth decides neither on the law nor on the depths that are searched.
+    """
+    recess = space.reference
+    if not isinstance(recess, SwashPlateDefect) or recess.contact not in CONTACTS:
+        return [space]
+    recess = replace(recess, depth=max(recess.depth, SEARCHED_DEPTH))
+    return [replace(space, reference=replace(recess, contact=contact)) for contact in CONTACTS]
+
+
+class _LawFit(NamedTuple):
+    """How a recording fits under one law of the fault."""
+
+    comparison: Comparison
+    inversion: Inversion
+    minima: list[Minimum]
+    """Minima that may hold the truth, the deepest first."""
+    misfit: float
+    loss: float
+    """-2 ln likelihood of the lines without the terms that laws share."""
+
+
+def _fit_law(comparison: Comparison, inversion: Inversion) -> _LawFit:
+    """Return the best fits of a recording under the law of the inversion's fault."""
     minima, misfit = inversion.find_minima()
-    minima, ends = inversion.profile_severity(minima)
-    point = minima[0].point
     loss = minima[0].height + 2 * float(np.log(np.diag(inversion.root)).sum())
+    return _LawFit(comparison, inversion, minima, misfit, loss)
+
+
+def _estimate_under_law(calibration: Calibration, recording: Recording, fit: _LawFit) -> Severity:
+    """Return the severity under the law of a fit."""
+    inversion = fit.inversion
+    misfit = fit.misfit
+    space = inversion.space
+    minima, ends = inversion.profile_severity(fit.minima)
+    point = minima[0].point
 
     without_fault = point.copy()
     without_fault[inversion.severity] = 0.0
@@ -255,13 +298,16 @@ def _estimate_under_law(
     dimensions = [_estimate_severity(inversion, point, ends, is_detected=is_detected), *further]
     if calibration.is_in_doubt:
         dimensions = _without_identified(dimensions)
+    if misfit > MAX_SEVERITY_MISFIT:
+        search_end = float(inversion.upper[inversion.severity]) * space.reference.severity
+        dimensions = without_verdict(dimensions, search_end)
 
     assert recording.condition is not None  # `_select_recordings` excludes those without
     relative_severity = float(point[inversion.severity])
     repeatability = math.inf
     if relative_severity > 0:
         repeatability = deviation / relative_severity
-    severity = Severity(
+    return Severity(
         recording_id=recording.recording_id,
         condition=recording.condition,
         fault=space.fault_at(point[inversion.severity :]),
@@ -273,13 +319,12 @@ def _estimate_under_law(
         correlated_with=_find_correlated(covariance, inversion),
         misfit=misfit,
         simulations=inversion.simulations,
-        wall_s=time.perf_counter() - started,
+        wall_s=0.0,
         notes=(
-            *comparison.measurement.notes,
+            *fit.comparison.measurement.notes,
             *describe_recording(calibration, recording, misfit),
         ),
     )
-    return severity, loss
 
 
 def _ends_of_missed_fault(upper: float, limit: float | None) -> tuple[float, float]:

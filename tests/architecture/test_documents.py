@@ -40,6 +40,26 @@ def test_the_citation_has_the_version_of_the_package(version: str) -> None:
     assert f"\nversion: {version}\n" in citation
 
 
+def test_a_version_is_released_in_the_citation_if_it_is_in_the_changelog(version: str) -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+    dates = re.findall(r"^date-released: (.+)$", citation, flags=re.MULTILINE)
+    heading = re.search(rf"^## \[{re.escape(version)}\] - (.+)$", changelog, flags=re.MULTILINE)
+
+    assert heading is not None
+    assert dates == ([] if heading[1] == "unreleased" else [heading[1]])
+
+
+def test_both_packages_have_the_same_version_and_license(version: str) -> None:
+    text = (ROOT / "bench" / "pyproject.toml").read_text(encoding="utf-8")
+    bench = tomllib.loads(text)["project"]
+
+    assert bench["version"] == version
+    assert f"swashtwin[networks,twin]=={version}" in bench["dependencies"]
+    assert (ROOT / "bench" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+
+
 def test_the_changelog_starts_with_the_version_of_the_package(version: str) -> None:
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     first_heading = re.search(r"^## \[(.*?)\]", changelog, flags=re.MULTILINE)

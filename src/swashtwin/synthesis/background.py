@@ -197,7 +197,7 @@ def background_noise(like: WindowSet, twin: Twin, specimen: str = "") -> Backgro
 
     Parameters
     ----------
-    specimen : machine in `like` that the twin describes; empty if it is none of them, as for a
+    specimen : machine in `like` that the twin describes; empty if `like` lacks it, as for a
         nominal twin.
 
     Raises

@@ -3,8 +3,9 @@ Train on a fault that was never recorded
 ========================================
 
 Assume that a worn swash plate was never recorded at one pressure. A calibrated twin can simulate
-the fault at that pressure. The classifier then trains on measured and synthetic windows (slices of
-a recording) together. :doc:`/reference/nomenclature` defines the terms.
+the fault at that pressure, and all other classes there too, so that no class is more diverse than
+another. The classifier then trains on measured and synthetic windows (slices of a recording)
+together. :doc:`/reference/nomenclature` defines the terms.
 """
 
 # %%
@@ -45,13 +46,21 @@ calibration = st.calibrate("25scy14-1b", healthy, seed=0)
 calibration
 
 # %%
-# Synthesize windows
-# ------------------
-# The fault is a recess of 0.07 mm in the swash plate. The windows are marked as synthetic, so
-# swashtwin refuses them in a test set.
+# Plan what the twin adds
+# -----------------------
+# The fault is a recess of 0.07 mm in the swash plate. The plan finds the gap, and fills every class
+# at its pressure.
 
-fault = st.SwashPlateDefect(depth=st.mm(0.07))
-synthetic = st.synthesize(calibration, fault, count=60, like=measured, pressure=high, seed=0)
+fault_of = {"swash_plate": st.SwashPlateDefect(depth=st.mm(0.07))}
+plan = st.Filling(calibration, fault_of=fault_of, seed=0).plan(measured)
+print(plan)
+
+# %%
+# Synthesize the windows
+# ----------------------
+# They are marked as synthetic, so swashtwin refuses them in a test set.
+
+synthetic = plan.simulate()
 synthetic
 
 # %%

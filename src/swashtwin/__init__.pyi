@@ -47,4 +47,5 @@ from .recordings import load_recording as load_recording
 from .recordings import load_recordings as load_recordings
 from .recordings import register_format as register_format
 from .report import write_report as write_report
+from .synthesis import Filling as Filling
 from .synthesis import synthesize as synthesize

@@ -71,6 +71,11 @@ COMMANDS: dict[str, Command] = {
         "--out synthetic.safetensors",
         requires=("calibrate",),
     ),
+    "synthesize_fill": Command(
+        "synthesize --fill all worn.json --like split/train.toml --window 2048 --count 1 "
+        "--out filled.safetensors",
+        requires=("calibrate",),
+    ),
     "train": Command(
         "train split/train.toml --add synthetic.safetensors --test-fraction 0 "
         f"--out model.safetensors {NETWORK}",

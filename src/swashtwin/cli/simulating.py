@@ -16,8 +16,18 @@ from swashtwin.cli.console import (
     progress,
     require_existing,
 )
+from swashtwin.cli.filling import (
+    FaultOfOption,
+    FillName,
+    FillOption,
+    build_filling,
+    is_calibration,
+    print_plan,
+    read_fault_texts,
+    simulate_plan,
+    twin_files,
+)
 from swashtwin.cli.options import (
-    CalibrationFile,
     Json,
     OptionalFault,
     OptionalWindow,
@@ -243,16 +253,27 @@ def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
 
 
 def synthesize(
-    calibration: CalibrationFile,
+    twins: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="CALIBRATION|PUMP...",
+            help="Calibration files, or pumps by name or file, which are nominal twins.",
+        ),
+    ],
     like: Annotated[
         Path,
         typer.Option(
             help="Index of the training recordings, which define layout, classes and noise."
         ),
     ],
-    count: Annotated[int, typer.Option(min=1, help="Number of windows.")],
     out: Annotated[Path, typer.Option(help="File of windows to write, for train --add.")],
+    fill: FillOption = None,
+    count: Annotated[
+        int | None,
+        typer.Option(min=1, help="Number of windows. With --fill: of each cell, default 72."),
+    ] = None,
     fault: OptionalFault = None,
+    fault_of: FaultOfOption = None,
     speed: Annotated[
         str | None,
         typer.Option(help='Speed of the twin, such as "1500 rpm". Default: the calibration\'s.'),
@@ -269,21 +290,119 @@ def synthesize(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Simulate windows of one class with a calibrated twin, to train a classifier.
+    """Simulate windows with twins, to train a classifier: of all classes alike, or of one.
 
-    The class may be a fault that the twin was not calibrated on. The interface values of each
-    window are drawn from the posterior, and its noise from the recordings of --like. These become
-    training data: specify train.toml of a split. If --like has measured windows of the class, the
-    AUROC of separating them from the synthetic windows is printed (0.5 = indistinguishable), with
-    the features that separate them.
+    By default, windows are planned for the classes and operating points that are short of
+    recordings, so that every class gets as many (--fill), and the plan is printed. With --count or
+    --fault, a calibrated twin simulates one class at the operating points of its calibration, which
+    may be a fault that it was not calibrated on.
+
+    The interface values of each window of a calibration are drawn from the posterior, and its noise
+    from the recordings of --like. These become training data: specify train.toml of a split. If
+    --like has measured windows of a single class, the AUROC of separating them from the synthetic
+    windows is printed (0.5 = indistinguishable), with the features that separate them.
     """
+    is_single_class = fill is None and (count is not None or fault is not None)
+    single = {"--fault": fault, "--speed": speed, "--pressure": pressure}
+    if not is_single_class:
+        for option, value in single.items():
+            if value is not None:
+                raise typer.BadParameter(
+                    "applies to windows of one class, which --count without --fill makes. "
+                    "Specify the faults of several classes with --fault-of.",
+                    param_hint=option,
+                )
+    elif fault_of:
+        raise typer.BadParameter("applies to --fill. Use --fault.", param_hint="--fault-of")
+
+    inputs = [*twin_files(twins), like]
+    require_existing(inputs)
+    require_output(out, inputs=inputs, marks=artifact_marks("window set"), force=force)
+    if not is_single_class:
+        _fill_cells(twins, like, out, fill, count, fault_of, window, seed, as_json)
+        return
+
+    if len(twins) != 1 or not is_calibration(twins[0]):
+        raise typer.BadParameter(
+            "must be one calibration file if windows of one class are made. Several twins, and "
+            "pumps, fill cells: omit --count and --fault.",
+            param_hint="CALIBRATION|PUMP",
+        )
+    if count is None:
+        raise typer.BadParameter("is required with --fault.", param_hint="--count")
+    _synthesize_class(
+        Path(twins[0]), like, out, count, fault, speed, pressure, window, seed, as_json
+    )
+
+
+def _fill_cells(
+    twins: list[str],
+    like: Path,
+    out: Path,
+    fill: FillName | None,
+    count: int | None,
+    fault_of: list[str] | None,
+    window: int | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Plan and write windows of all cells that are to be filled."""
+    from swashtwin.learning import save_windows
+    from swashtwin.recordings import declared_faults, load_recordings
+
+    fault_texts = {
+        **{name: [text] for name, text in declared_faults(like).items()},
+        **read_fault_texts(fault_of),
+    }
+    filling = build_filling(twins, fault_texts, fill=fill, count=count, seed=seed)
+    plan = filling.plan(load_recordings(like), window=window)
+    plan.require_windows()
+    if not as_json:
+        print_plan(plan)
+
+    windows = simulate_plan(plan)
+    save_windows(windows, out)
+    result = {
+        "windows": out,
+        "count": len(windows),
+        "length": windows.length,
+        "manifest": list(windows.manifest),
+        "classes": windows.classes,
+        "seed": seed,
+        "filling": plan.to_dict(),
+    }
+
+    def show() -> None:
+        print_text(f"{out}: {plural(len(windows), 'window')}")
+        _print_next_command(like, out)
+
+    print_result(result, as_json, show)
+
+
+def _print_next_command(like: Path, out: Path) -> None:
+    print_text(
+        f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors"
+    )
+
+
+def _synthesize_class(
+    calibration: Path,
+    like: Path,
+    out: Path,
+    count: int,
+    fault: str | None,
+    speed: str | None,
+    pressure: str | None,
+    window: int | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Write windows of one class of a calibrated twin."""
     import swashtwin.synthesis as synthesis
     from swashtwin.calibration import load_calibration
     from swashtwin.learning import save_windows
     from swashtwin.recordings import load_recordings
 
-    require_existing([calibration, like])
-    require_output(out, inputs=[calibration, like], marks=artifact_marks("window set"), force=force)
     calibrated = load_calibration(calibration)
     if fault is not None:
         synthetic_fault = fault_from(fault)
@@ -327,9 +446,7 @@ def synthesize(
             print_note(f"note: {text}")
         print_text(f"{out}: {plural(len(windows), 'window')} of {label}")
         print_fidelity(fidelity, label)
-        print_text(
-            f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors"
-        )
+        _print_next_command(like, out)
 
     print_result(result, as_json, show)
 

@@ -1,6 +1,7 @@
 """The command that trains a model: train."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +16,15 @@ from swashtwin.cli.console import (
     progress,
     require_existing,
 )
+from swashtwin.cli.filling import (
+    FaultOfOption,
+    FillOption,
+    ReportedFilling,
+    build_filling,
+    fault_names,
+    read_fault_texts,
+    twin_files,
+)
 from swashtwin.cli.options import (
     GroupName,
     Index,
@@ -24,7 +34,6 @@ from swashtwin.cli.options import (
     PresetName,
     Seed,
     defaults_of,
-    read_pairs,
     read_settings,
 )
 from swashtwin.cli.outputs import Force, artifact_marks, require_output
@@ -34,6 +43,7 @@ if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.learning import CandidateChoice, Confidence, FittedClassifier, WindowSet
     from swashtwin.recordings import Recordings
+    from swashtwin.synthesis import FillingPlan
 
 _MODEL_MARKS = artifact_marks("classifier", "anomaly detector")
 DEFAULT_TEST_FRACTION = 0.2
@@ -90,14 +100,17 @@ def train(
             "hidden=256,128, device=cuda. Repeatable.",
         ),
     ] = None,
-    fault_of: Annotated[
+    twin: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="CLASS=FAULT",
-            help='Fault of the twin that a class stands for: "Kolbenverschleiss=piston". Synthetic '
-            "windows of the fault join the class. Adds to fault_of of the index. Repeatable.",
+            metavar="CALIBRATION|PUMP",
+            help="Twin that simulates windows for short cells of the training recordings: a "
+            "calibration file, or a pump by name or file. Recordings that it was calibrated on are "
+            "not held out. Repeatable.",
         ),
     ] = None,
+    fill: FillOption = None,
+    fault_of: FaultOfOption = None,
     prior: Annotated[
         str | None,
         typer.Option(
@@ -113,8 +126,9 @@ def train(
 ) -> None:
     """Train a classifier on the recordings of an index.
 
-    Whole recordings are held out, on which evaluate then tests the model. If all recordings are
-    healthy, an anomaly detector with a given false-alarm rate is trained instead.
+    Whole recordings are held out, on which evaluate then tests the model. With --twin, twins
+    simulate what is short among the other recordings; the plan is printed first. If all recordings
+    are healthy, an anomaly detector with a given false-alarm rate is trained instead.
     """
     is_selected_by_trials = network is None and preset is Preset.recommended
     if is_selected_by_trials and settings:
@@ -128,18 +142,40 @@ def train(
     from swashtwin.pump import is_healthy
     from swashtwin.recordings import class_name_findings, declared_faults, load_recordings
 
+    if twin and add:
+        raise typer.BadParameter(
+            "does not combine with --twin, which simulates windows itself.", param_hint="--add"
+        )
+    if fill is not None and not twin:
+        raise typer.BadParameter(
+            "applies to twins. Specify one with --twin, such as 25scy14-1b.", param_hint="--fill"
+        )
     synthetic_files = add or []
-    require_output(out, inputs=[source, *synthetic_files], marks=_MODEL_MARKS, force=force)
+    inputs = [source, *synthetic_files, *twin_files(twin or ())]
+    require_output(out, inputs=inputs, marks=_MODEL_MARKS, force=force)
     require_existing(synthetic_files)
     recipe = {} if is_selected_by_trials else _recipe(network, settings, preset, window)
     synthetic = [load_windows(path) for path in synthetic_files]
     recordings = load_recordings(source)
 
-    are_all_healthy = not synthetic and bool(recordings) and all(map(is_healthy, recordings.labels))
-    default_test_fraction = 0.0 if are_all_healthy else DEFAULT_TEST_FRACTION
-    declared_fault_of = {
-        name: fault for name, fault in declared_faults(source).items() if name in recordings.labels
+    fault_texts = {
+        **{name: [fault] for name, fault in declared_faults(source).items()},
+        **read_fault_texts(fault_of),
     }
+    filling = None
+    if twin:
+        filling = ReportedFilling(
+            build_filling(twin, fault_texts, fill=fill, count=None, seed=seed), is_silent=as_json
+        )
+
+    are_all_healthy = bool(recordings) and all(map(is_healthy, recordings.labels))
+    are_all_healthy &= not synthetic and filling is None
+    default_test_fraction = 0.0 if are_all_healthy else DEFAULT_TEST_FRACTION
+    # Only twins know classes that no recording has.
+    known_classes = (
+        {*recordings.labels} if twin else {*recordings.labels, *read_fault_texts(fault_of)}
+    )
+    recorded_texts = {name: texts for name, texts in fault_texts.items() if name in known_classes}
     classifier = FaultClassifier(
         **recipe,
         window=window,
@@ -147,7 +183,7 @@ def train(
         validation_fraction=validation_fraction,
         group=group,
         error_rate=error_rate,
-        fault_of=declared_fault_of | read_pairs(fault_of, "--fault-of"),
+        fault_of=fault_names(recorded_texts),
         prior=prior,
         seed=seed,
     )
@@ -158,17 +194,18 @@ def train(
     for finding in class_name_findings(recordings.labels):
         print_note(f"note: {finding.describe()}")
     keeps_checkpoint = not is_selected_by_trials
-    _fit_classifier(classifier, recordings, synthetic, source, out, keeps_checkpoint)
+    _fit_classifier(classifier, recordings, filling or synthetic, source, out, keeps_checkpoint)
 
     for text in classifier.notes_:
         print_note(f"note: {text}")
-    _print_training(classifier, source, out, seed, as_json)
+    plan = None if filling is None else filling.plan
+    _print_training(classifier, plan, source, out, seed, as_json)
 
 
 def _fit_classifier(
     classifier: "FaultClassifier",
     recordings: "Recordings",
-    synthetic: "Sequence[WindowSet]",
+    synthetic: "Sequence[WindowSet] | ReportedFilling",
     source: Path,
     out: Path,
     keeps_checkpoint: bool,
@@ -177,7 +214,16 @@ def _fit_classifier(
     from swashtwin.recordings import declared_classes
 
     checkpoint = out.with_name(f"{out.stem}.checkpoint.safetensors") if keeps_checkpoint else None
-    with progress("training") as bar:
+    with ExitStack() as stack:
+        bar: Callable[..., None] | None = None
+
+        def report(activity: str, count: int, total: int) -> None:
+            nonlocal bar
+            if bar is None:
+                # Not before: the plan of a filling is printed first.
+                bar = stack.enter_context(progress("training"))
+            bar(count, total, activity)
+
         classifier.fit(
             recordings,
             synthetic=synthetic,
@@ -185,7 +231,7 @@ def _fit_classifier(
             classes=None if synthetic else declared_classes(source),
             checkpoint=checkpoint,
             resume=checkpoint is not None,
-            progress=lambda activity, count, total: bar(count, total, activity),
+            progress=report,
         )
 
     classifier.save(out)
@@ -267,7 +313,12 @@ def _train_detector(
 
 
 def _print_training(
-    classifier: "FaultClassifier", source: Path, out: Path, seed: int, as_json: bool
+    classifier: "FaultClassifier",
+    plan: "FillingPlan | None",
+    source: Path,
+    out: Path,
+    seed: int,
+    as_json: bool,
 ) -> None:
     fitted = classifier.fitted_
     final_epoch = fitted.history[-1]
@@ -278,6 +329,7 @@ def _print_training(
         "classes": fitted.classes,
         "windows": classifier.n_windows_,
         "synthetic_windows": classifier.n_synthetic_,
+        "filling": None if plan is None else plan.to_dict(),
         "held_out": held_out_ids,
         "epochs": final_epoch.number,
         "loss": final_epoch.loss,

@@ -147,7 +147,7 @@ class FaultClassifier(Estimator):
         y: Any = None,
         *,
         groups: Any = None,
-        synthetic: WindowSet | Iterable[WindowSet] | None = None,
+        synthetic: WindowSet | Iterable[WindowSet] | learning.TrainingFiller | None = None,
         classes: Sequence[str] | None = None,
         checkpoint: Path | str | None = None,
         resume: bool = False,
@@ -162,7 +162,7 @@ class FaultClassifier(Estimator):
             own labels; a window set always has its own.
         groups : recording of each window of an array.
         synthetic : further training windows that nobody measured (`synthesize`), one set or
-            several.
+            several; or a `Filling`, which makes them for the recordings that are not held out.
         classes : class names of recordings in their order; by default those of the synthetic
             windows, or the labels, sorted.
         checkpoint : file to which the training of a named network is saved after each epoch.
@@ -186,6 +186,14 @@ class FaultClassifier(Estimator):
         report = progress or _ignore_progress
         X = list(X) if isinstance(X, Iterator) else X
 
+        filler = None
+        filler_notes: tuple[str, ...] = ()
+        if isinstance(synthetic, learning.TrainingFiller):
+            filler = synthetic
+            synthetic = None
+            recordings = as_recordings(X)
+            if recordings is not None:
+                filler_notes = filler.check(recordings)
         synthetic_sets, class_notes = unify_class_names(
             list_synthetic_sets(synthetic), measured_classes(X, y, classes), self.fault_of or {}
         )
@@ -193,6 +201,7 @@ class FaultClassifier(Estimator):
         data = learning.prepare_training_data(
             measured,
             synthetic_sets,
+            filler=filler,
             test_fraction=self.test_fraction,
             validation_fraction=self.validation_fraction,
             group=group,
@@ -231,7 +240,7 @@ class FaultClassifier(Estimator):
         self.n_synthetic_ = int(data.training.synthetic.sum())
         self.held_out_ = data.test_recordings
         self.validation_ = data.validation_recordings
-        notes = (*data.notes, *class_notes, prior_note, *machine_notes)
+        notes = (*filler_notes, *data.notes, *class_notes, prior_note, *machine_notes)
         self.notes_ = tuple(note for note in notes if note)
         self._set_classes(data.training.classes)
         return self

@@ -67,6 +67,7 @@ from .training.confidence import validation_share as validation_share
 from .training.fitting import fit as fit
 from .training.recording_fitting import MIN_STRETCH_SAMPLES as MIN_STRETCH_SAMPLES
 from .training.training_data import TrainingData as TrainingData
+from .training.training_data import TrainingFiller as TrainingFiller
 from .training.training_data import prepare_training_data as prepare_training_data
 from .training.training_reference import DeviatingStatistic as DeviatingStatistic
 from .training.training_reference import TrainingReference as TrainingReference
@@ -90,6 +91,7 @@ from .windows.splitting import without_overlap as without_overlap
 from .windows.window_set import WindowLayout as WindowLayout
 from .windows.window_set import WindowSet as WindowSet
 from .windows.window_set import load_windows as load_windows
+from .windows.window_set import operating_points as operating_points
 from .windows.window_set import require_matching_values as require_matching_values
 from .windows.window_set import require_shared_speed as require_shared_speed
 from .windows.window_set import save_windows as save_windows

@@ -7,6 +7,13 @@ from .fidelity import Fidelity as Fidelity
 from .fidelity import discriminative_score as discriminative_score
 from .fidelity import measure_fidelity as measure_fidelity
 from .fidelity import spectral_distance as spectral_distance
+from .filling import Filling as Filling
+from .filling import FillingPlan as FillingPlan
+from .filling_plan import DEFAULT_FILL as DEFAULT_FILL
+from .filling_plan import FILLS as FILLS
+from .filling_plan import WINDOWS_PER_CELL as WINDOWS_PER_CELL
+from .filling_plan import Fill as Fill
+from .filling_plan import PlannedCell as PlannedCell
 from .machine_check import require_same_machine as require_same_machine
 from .order_changes import OrderChanges as OrderChanges
 from .order_changes import simulate_changes as simulate_changes

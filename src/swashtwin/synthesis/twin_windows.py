@@ -49,9 +49,10 @@ nominal values.
 # Windows simulated at once: it limits memory, and Ctrl-C is handled between chunks.
 _CHUNK = 64
 
-# Sample rate over bandwidth: above half the rate over 1.28 an instrument's anti-aliasing filter
-# acts.
-_BANDWIDTH_OF_SAMPLE_RATE = 2.56
+BANDWIDTH_OF_SAMPLE_RATE = 2.56
+"""Sample rate over the bandwidth of a twin: above half the rate over 1.28 an instrument's
+anti-aliasing filter acts.
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -156,9 +157,9 @@ def synthesize(
     if calibration is not None:
         if calibration.doubt and values != "nominal":
             notes = (calibration.doubt, *notes)
-        notes += _calibration_notes(calibration, law, twin, measured)
+        notes += describe_uncalibrated(calibration, law, twin, measured)
 
-    bandwidth = min(twin.bandwidth, measured.sample_rate / _BANDWIDTH_OF_SAMPLE_RATE)
+    bandwidth = min(twin.bandwidth, measured.sample_rate / BANDWIDTH_OF_SAMPLE_RATE)
     twin = replace(twin, bandwidth=bandwidth)
     machine = ""
     posterior = None
@@ -230,7 +231,7 @@ def _cut_like(recordings: Sequence[Recording], twin: Twin, window: int | None) -
     return cut_windows(recordings, length=window or default_window(recordings), classes=classes)
 
 
-def _calibration_notes(
+def describe_uncalibrated(
     calibration: Calibration, law: FaultLaw | None, twin: Twin, measured: WindowSet
 ) -> tuple[str, ...]:
     """Return what the calibration leaves open about the sensors and the law of the fault."""
@@ -292,7 +293,7 @@ def simulate_windows(
     seed: int,
     variation: Variation = DEFAULT_VARIATION,
     background: Background = "spectrum",
-    posterior: Sequence[Posterior] | None = None,
+    posterior: Sequence[Posterior | None] | None = None,
     law: Sequence[FaultLaw | None] | None = None,
     specimens: Sequence[str] | None = None,
 ) -> WindowSet:
@@ -312,8 +313,8 @@ def simulate_windows(
     background : what the windows are laid over. ``"spectrum"``: noise with the spectrum of the
         measured windows between the piston-pass lines. ``"none"``: nothing, the bare model as the
         paper simulates it.
-    posterior : uncertainty of a calibration (`Calibration.posterior`), one for each twin: the
-        values, scales and sensor path of each window are drawn from it, and `variation` spreads
+    posterior : uncertainty of a calibration (`Calibration.posterior`), one or None for each twin:
+        the values, scales and sensor path of each window are drawn from it, and `variation` spreads
         them further as pumps differ from one recording to the next. Without, every window has the
         twin's own.
     law : law of a recess (`Calibration.law`), one for each twin: how far slippers follow is drawn
@@ -410,7 +411,7 @@ def _noise_factor(law: FaultLaw | None, twin: Twin) -> float:
 
 
 def _draw_sources(
-    twins: Sequence[Twin], posteriors: Sequence[Posterior] | None, count: int, seed: int
+    twins: Sequence[Twin], posteriors: Sequence[Posterior | None] | None, count: int, seed: int
 ) -> list[Twin]:
     """Return the twin of each window, in turns, with values drawn from its posterior if given."""
     n_twins = len(twins)
@@ -423,14 +424,13 @@ def _draw_sources(
         )
 
     n_draws = -(-count // n_twins)  # rounded up
-    draws = [
-        posterior.draws(n_draws, derive_seed(seed, "posterior", twins[0].label, number))
-        for number, posterior in enumerate(posteriors)
-    ]
-    return [
-        posteriors[index % n_twins].twin_at(twin, draws[index % n_twins][index // n_twins])
-        for index, twin in enumerate(sources)
-    ]
+    for number, posterior in enumerate(posteriors):
+        if posterior is None:
+            continue
+        draws = posterior.draws(n_draws, derive_seed(seed, "posterior", twins[0].label, number))
+        for turn, index in enumerate(range(number, count, n_twins)):
+            sources[index] = posterior.twin_at(sources[index], draws[turn])
+    return sources
 
 
 def _class_among(classes: Sequence[str], twin: Twin) -> str:
@@ -481,7 +481,7 @@ def _require_agreement(twins: Sequence[Twin], like: WindowSet) -> None:
             raise InputError(
                 f"The windows' sample rate ({like.sample_rate:g} Hz) is below twice the twin's "
                 f"bandwidth ({twin.bandwidth:g} Hz). Use a bandwidth of "
-                f"{like.sample_rate / _BANDWIDTH_OF_SAMPLE_RATE:g} Hz."
+                f"{like.sample_rate / BANDWIDTH_OF_SAMPLE_RATE:g} Hz."
             )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,12 +22,34 @@ from swashtwin.learning.windows.splitting import (
 from swashtwin.learning.windows.window_set import WindowSet, require_shared_speed
 from swashtwin.recordings import (
     Manifest,
+    Recording,
     describe_copies,
     describe_duplicates,
     find_copies,
     find_duplicates,
     join_manifests,
 )
+
+
+@runtime_checkable
+class TrainingFiller(Protocol):
+    """Maker of synthetic windows for a training set (`synthesis.Filling`).
+
+    It is called after the test and validation recordings were held out, and knows none of them.
+    """
+
+    @property
+    def manifest(self) -> Manifest:
+        """Recordings that it was made from, which stay in training."""
+        ...
+
+    def check(self, recordings: Sequence[Recording]) -> tuple[str, ...]:
+        """Require that it suits these recordings; return what cannot be checked, as sentences."""
+        ...
+
+    def fill_training(self, training: WindowSet) -> tuple[WindowSet, tuple[str, ...]]:
+        """Return synthetic windows that join these training windows, and notes on them."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +90,7 @@ def prepare_training_data(
     measured: WindowSet,
     synthetic: Sequence[WindowSet] = (),
     *,
+    filler: TrainingFiller | None = None,
     test_fraction: float = 0.0,
     validation_fraction: float = 0.0,
     group: str | Mapping[str, str] = "recording",
@@ -79,6 +103,8 @@ def prepare_training_data(
     ----------
     measured : measured windows with labels.
     synthetic : sets of synthetic windows, which join the training set.
+    filler : maker of further synthetic windows, from the training set alone. The recordings that it
+        was made from are not held out.
     test_fraction : share of the windows whose recordings are held out as test set; 0 for none.
     validation_fraction : share of the remaining recordings that is held out as validation set; 0
         for none. More are taken if the error rate needs more.
@@ -98,11 +124,16 @@ def prepare_training_data(
         Synthetic windows were made from a recording of the test set.
     """
     synthetic_manifest = join_manifests([windows.manifest for windows in synthetic])
+    filler_manifest = {} if filler is None else filler.manifest
     training = measured
     test = measured.subset(np.zeros(len(measured), dtype=np.bool_))
     if test_fraction:
         training, test = split_by_recording(
-            measured, test_fraction=test_fraction, seed=seed, group=group
+            measured,
+            test_fraction=test_fraction,
+            seed=seed,
+            group=group,
+            keep_in_training=filler_manifest,
         )
 
     requested_rate = DEFAULT_ERROR_RATE if error_rate is None else error_rate
@@ -112,13 +143,17 @@ def prepare_training_data(
             data,
             validation_fraction,
             group=group,
-            synthetic_manifest=synthetic_manifest,
+            synthetic_manifest=join_manifests([synthetic_manifest, filler_manifest]),
             is_rate_required=error_rate is not None,
             seed=seed,
         )
 
     # Checked before synthetic windows are added: one made from a test recording would leak it.
     _require_untouched(test, synthetic_manifest)
+    filler_notes: tuple[str, ...] = ()
+    if filler is not None:
+        windows, filler_notes = filler.fill_training(data.training)
+        synthetic = [*synthetic, windows]
     training = _add_synthetic(data.training, synthetic)
     check_disjoint(training, test)
 
@@ -127,7 +162,7 @@ def prepare_training_data(
         validation = validation.with_classes(training.classes)
     duplicates = find_duplicates(measured.recordings)
     advice = "keep one of them, or it counts twice."
-    notes = (*data.notes, *describe_duplicates(duplicates, advice))
+    notes = (*data.notes, *filler_notes, *describe_duplicates(duplicates, advice))
     return replace(data, training=training, validation=validation, notes=notes)
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from swashtwin.calibration.fault_dimensions import Dimension, FaultSpace
 from swashtwin.calibration.posterior import (
     COVERAGE,
-    DOUBTFUL_MISFIT,
     IDENTIFIED_STD,
     NORMAL_QUANTILE,
 )
 from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.severity.doubt import describe_doubt
 from swashtwin.foundation import InputError, deg, to_table
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match
 from swashtwin.recordings import Recording
@@ -185,6 +185,33 @@ def combine_laws(
     return replace(combined, notes=(*best.notes, note))
 
 
+def combine_mistakes(severities: Mapping[str, Severity]) -> Severity:
+    """Return the first severity with intervals around all, and with nothing identified.
+
+    Parameters
+    ----------
+    severities : by the mistake that each corrects, the likeliest first; empty for none.
+    """
+    first, *others = severities.values()
+    dimensions = first.dimensions
+    limit = first.detection_limit
+    for other in others:
+        pairs = zip(dimensions, other.dimensions, strict=True)
+        dimensions = tuple(_combine_estimates(one, another) for one, another in pairs)
+        limit = _larger_limit(limit, other.detection_limit)
+    dimensions = tuple(
+        replace(estimate, verdict="weak") if estimate.verdict == "identified" else estimate
+        for estimate in dimensions
+    )
+
+    sizes = [
+        f"{severity.severity.text} if {mistake or 'nothing is wrong'}"
+        for mistake, severity in severities.items()
+    ]
+    note = f"the calibration is in doubt: {', '.join(sizes)}"
+    return replace(first, dimensions=dimensions, detection_limit=limit, notes=(*first.notes, note))
+
+
 def _larger_limit(first: float | None, second: float | None) -> float | None:
     """Return the larger of two detection limits; `None` if one lies beyond the search."""
     if first is None or second is None:
@@ -346,15 +373,10 @@ def _describe_calibration(calibration: Calibration, settings: SeveritySettings) 
             f'the band "0-{limit}".'
         )
 
-    if calibration.is_in_doubt:
-        reason = "its fit strains a bound or a prior"
-        if calibration.misfit > DOUBTFUL_MISFIT:
-            reason = (
-                f"its lines differ from the measured ones {calibration.misfit:.2g} times as much "
-                "as noise and model error explain"
-            )
+    doubt = describe_doubt(calibration)
+    if doubt:
         yield (
-            f"The pump's calibration is in doubt ({reason}; see its notes), so no severity is "
+            f"The pump's calibration is in doubt ({doubt}; see its notes), so no severity is "
             "called identified. Calibrate with the default nuisances and phases, or correct what "
             "its notes name."
         )

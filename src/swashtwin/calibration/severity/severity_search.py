@@ -27,7 +27,13 @@ from swashtwin.calibration.measurement import (
 from swashtwin.calibration.posterior import IDENTIFIED_STD, NORMAL_QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.recording_checks import require_one_machine
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.severity.inversion import Ends, Inversion, Minimum, Prior
+from swashtwin.calibration.severity.doubt import (
+    NO_MISTAKE,
+    Explanation,
+    describe_doubt,
+    explain_doubt,
+)
+from swashtwin.calibration.severity.inversion import SEVERITY_GRID, Ends, Inversion, Minimum, Prior
 from swashtwin.calibration.severity.profile_likelihood import THRESHOLD
 from swashtwin.calibration.severity.severity_result import (
     CLEAR_LIKELIHOOD_DIFFERENCE,
@@ -39,6 +45,7 @@ from swashtwin.calibration.severity.severity_result import (
     SeverityTrend,
     SeverityVerdict,
     combine_laws,
+    combine_mistakes,
     describe_recording,
     describe_trend,
     interval_log_std,
@@ -101,8 +108,11 @@ def estimate_severity(
 
     A recess is searched under both laws of contact, `CONTACTS`, up to at least
     `SEARCHED_DEPTH` times the last of `SEVERITY_GRID`, whatever depth is specified
-    (`combine_laws`); if the calibration identified a law (`Calibration.law`), under that one. With
-    a calibration in doubt (`Calibration.is_in_doubt`) nothing is called identified.
+    (`combine_laws`); if the calibration identified a law (`Calibration.law`), under that one.
+
+    With a calibration in doubt (`describe_doubt`) nothing is called identified. The severity is
+    then estimated once more under each mistake that explains the doubt, and its interval reaches
+    around all of these; if no mistake does, it is all that is searched.
 
     Phases of the lines are compared if the calibration compared them. Which piston or which bore is
     damaged only turns all lines together and cannot be determined; a swash plate defect's angle
@@ -149,8 +159,16 @@ def estimate_severity(
     healthy_recordings, _ = assign_single_channels(healthy_recordings, pump)
     used, excluded = _select_recordings(candidates, fault)
     with one_thread():
+        explanations: tuple[Explanation, ...] = (Explanation(NO_MISTAKE, calibration),)
+        is_in_doubt = bool(describe_doubt(calibration))
+        if is_in_doubt:
+            explanations = explain_doubt(calibration, healthy_recordings)
         estimates = tuple(
-            _estimate_recording(calibration, recording, space, healthy_recordings, settings)
+            _estimate_in_doubt(
+                calibration, explanations, recording, space, healthy_recordings, settings
+            )
+            if is_in_doubt
+            else _estimate_recording(calibration, recording, space, healthy_recordings, settings)
             for recording in used
         )
 
@@ -238,6 +256,40 @@ def _estimate_recording(
     return replace(severity, wall_s=time.perf_counter() - started)
 
 
+def _estimate_in_doubt(
+    calibration: Calibration,
+    explanations: Sequence[Explanation],
+    recording: Recording,
+    space: FaultSpace,
+    healthy: Sequence[Recording],
+    settings: SeveritySettings,
+) -> Severity:
+    """Return the severity of a calibration in doubt, with an interval around those under each
+    explanation; without one if nothing explains the doubt.
+    """
+    if not explanations:
+        severity = _estimate_recording(calibration, recording, space, healthy, settings)
+        search_end = float(SEVERITY_GRID[-1]) * _list_laws(space)[0].reference.severity
+        note = (
+            "the calibration is in doubt and no simple mistake explains it, or its healthy "
+            "recordings are not given: nothing limits the severity"
+        )
+        dimensions = tuple(without_verdict(severity.dimensions, search_end))
+        return replace(severity, dimensions=dimensions, notes=(*severity.notes, note))
+
+    severities = {}
+    for explanation in explanations:
+        mistake = explanation.mistake
+        severities[mistake.description] = _estimate_recording(
+            explanation.calibration,
+            mistake.correct(recording),
+            space,
+            [mistake.correct(recording) for recording in healthy],
+            settings,
+        )
+    return combine_mistakes(severities)
+
+
 def _list_laws(space: FaultSpace) -> list[FaultSpace]:
     """Return the space under each law that its fault may follow.
 
@@ -296,8 +348,6 @@ def _estimate_under_law(calibration: Calibration, recording: Recording, fit: _La
         ends = _ends_of_missed_fault(ends[1], limit)
 
     dimensions = [_estimate_severity(inversion, point, ends, is_detected=is_detected), *further]
-    if calibration.is_in_doubt:
-        dimensions = _without_identified(dimensions)
     if misfit > MAX_SEVERITY_MISFIT:
         search_end = float(inversion.upper[inversion.severity]) * space.reference.severity
         dimensions = without_verdict(dimensions, search_end)
@@ -335,14 +385,6 @@ def _ends_of_missed_fault(upper: float, limit: float | None) -> tuple[float, flo
     if limit is not None:
         upper = max(upper, limit)
     return -math.inf, upper
-
-
-def _without_identified(dimensions: Sequence[DimensionEstimate]) -> list[DimensionEstimate]:
-    """Return estimates of which none is called identified: the calibration is in doubt."""
-    return [
-        replace(estimate, verdict="weak") if estimate.verdict == "identified" else estimate
-        for estimate in dimensions
-    ]
 
 
 def build_fault_comparison(

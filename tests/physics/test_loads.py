@@ -6,12 +6,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import scipy.integrate
 from rigid_body import rigid_motions
 
 from swashtwin.foundation import InputError, MPa, celsius, deg, mm, rpm, um
 from swashtwin.physics import LoadCase, force_lines
 from swashtwin.physics.dynamics import Dof
-from swashtwin.physics.loads import chamber_pressures, generalized_forces, port_openings
+from swashtwin.physics.films import (
+    piston_leakage,
+    slipper_leakage,
+    valve_plate_leakage,
+)
+from swashtwin.physics.loads import (
+    DEFAULT_STEPS,
+    chamber_pressures,
+    generalized_forces,
+    port_openings,
+)
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,
@@ -31,7 +42,10 @@ RECESS = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24), contact="p
 
 
 class Reference(NamedTuple):
-    """Numbers of the independent implementation behind physics.md for one fault."""
+    """Numbers of the independent implementation behind physics.md for one fault.
+
+    They are extrapolated to steps of no length.
+    """
 
     fault: Fault | None
     mean_mpa: float
@@ -42,17 +56,24 @@ class Reference(NamedTuple):
     """Amplitudes of the piston force [N] at the multiples of f_s in `REFERENCE_ORDERS`."""
 
 
+FINE_STEPS = 14336
+"""Steps of a revolution with which the solver's own error is far below that of the references."""
+
 REFERENCE_ORDERS = np.array([1, 7, 14, 21, 28, 35, 70])
 REFERENCES = (
-    Reference(None, 15.00, 0.146, (0, 1880, 748, 140, 344, 130, 39.6)),
-    Reference(RECESS, 14.85, 0.153, (0, 1860, 742, 133, 342, 130, 39.9)),
-    Reference(PistonWear(um(25)), 15.00, 0.162, (23.4, 1860, 753, 128, 337, 133, 40.4)),
-    Reference(PistonWear(um(60)), 14.95, 0.265, (106, 1810, 754, 113, 305, 125, 37.2)),
-    Reference(SealingLandScratch(6e-13), 14.99, 0.171, (40.5, 1850, 756, 121, 331, 134, 40)),
-    Reference(SealingLandScratch(2.5e-12), 14.96, 0.248, (109, 1810, 753, 114, 305, 125, 36.9)),
-    Reference(ValvePlateWear(um(12)), 14.96, 0.147, (0, 1780, 793, 74.4, 298, 151, 45)),
-    Reference(DamScratch(1e-6), 14.98, 0.186, (0, 2120, 544, 294, 310, 150, 12.8)),
-    Reference(GrooveErosion(deg(6)), 15.00, 0.162, (0, 1940, 730, 233, 437, 125, 39.7)),
+    Reference(None, 15.004, 0.146, (0, 1886, 734.8, 152.2, 341.2, 120.0, 38.32)),
+    Reference(RECESS, 14.850, 0.155, (0, 1869, 729.0, 145.3, 339.6, 120.0, 38.61)),
+    Reference(PistonWear(um(25)), 14.996, 0.166, (22.84, 1872, 740.7, 139.4, 334.3, 123.2, 39.15)),
+    Reference(PistonWear(um(60)), 14.944, 0.295, (105.4, 1812, 741.8, 119.7, 301.8, 116.7, 36.53)),
+    Reference(
+        SealingLandScratch(6e-13), 14.993, 0.171, (40.65, 1862, 743.5, 132.1, 328.4, 124.1, 38.71)
+    ),
+    Reference(
+        SealingLandScratch(2.5e-12), 14.957, 0.249, (109.2, 1815, 741.4, 121.8, 302.0, 115.4, 35.80)
+    ),
+    Reference(ValvePlateWear(um(12)), 14.963, 0.148, (0, 1793, 782.0, 78.6, 296.6, 142.8, 43.58)),
+    Reference(DamScratch(1e-6), 14.983, 0.184, (0, 2113, 567.4, 268.2, 319.9, 163.6, 8.74)),
+    Reference(GrooveErosion(deg(6)), 15.003, 0.158, (0, 1945, 713.7, 252.3, 435.8, 108.7, 34.16)),
 )
 
 
@@ -75,23 +96,25 @@ def pressure_lines(case: LoadCase, n_lines: int, **arguments: Any) -> np.ndarray
 def reference_forces(pump: Pump, at_15: OperatingCondition) -> dict[Reference, np.ndarray]:
     """Lines 1 to 100 of the piston force, which the retainer takes."""
     return {
-        reference: pressure_lines(LoadCase(pump, at_15, reference.fault), 100)[:, Dof.RETAINER_Z]
+        reference: pressure_lines(LoadCase(pump, at_15, reference.fault), 100, steps=FINE_STEPS)[
+            :, Dof.RETAINER_Z
+        ]
         for reference in REFERENCES
     }
 
 
 def test_the_mean_piston_force_is_the_reference(pump: Pump, at_15: OperatingCondition) -> None:
-    pressures = chamber_pressures(LoadCase(pump, at_15))
+    pressures = chamber_pressures(LoadCase(pump, at_15), steps=FINE_STEPS)
     force = pump.rotating_group.piston_area * (pressures.chamber - at_15.case_pressure).sum(axis=0)
-    assert force.mean() == pytest.approx(11378, abs=1)
+    assert force.mean() == pytest.approx(11388, abs=1)
 
 
 def test_the_range_of_the_chamber_pressure_is_the_reference(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    chamber = chamber_pressures(LoadCase(pump, at_15)).chamber
+    chamber = chamber_pressures(LoadCase(pump, at_15), steps=FINE_STEPS).chamber
     assert chamber.max() == pytest.approx(MPa(15.28), rel=1e-3)
-    assert chamber.min() == pytest.approx(MPa(0.091), rel=1e-2)
+    assert chamber.min() == pytest.approx(MPa(0.0914), rel=1e-2)
 
 
 @EACH_REFERENCE
@@ -99,17 +122,18 @@ def test_each_fault_changes_the_lines_of_the_piston_force_as_in_the_reference(
     reference_forces: dict[Reference, np.ndarray], reference: Reference
 ) -> None:
     amplitudes = np.abs(reference_forces[reference][REFERENCE_ORDERS - 1])
-    # three digits are given, and none of a zero
-    np.testing.assert_allclose(amplitudes, reference.forces, rtol=0.006, atol=1e-4)
+    # Three digits are given, and a zero is exact. The scratch leaves little of the last line.
+    np.testing.assert_allclose(amplitudes, reference.forces, rtol=0.002, atol=0.06)
 
 
 @EACH_REFERENCE
 def test_each_fault_changes_the_outlet_pressure_as_in_the_reference(
     pump: Pump, at_15: OperatingCondition, reference: Reference
 ) -> None:
-    discharge = chamber_pressures(LoadCase(pump, at_15, reference.fault)).discharge
-    assert discharge.mean() == pytest.approx(MPa(reference.mean_mpa), abs=MPa(0.006))
-    assert np.ptp(discharge) == pytest.approx(MPa(reference.ripple_mpa), abs=MPa(0.0015))
+    case = LoadCase(pump, at_15, reference.fault)
+    discharge = chamber_pressures(case, steps=FINE_STEPS).discharge
+    assert discharge.mean() == pytest.approx(MPa(reference.mean_mpa), abs=MPa(0.001))
+    assert np.ptp(discharge) == pytest.approx(MPa(reference.ripple_mpa), abs=MPa(0.001))
 
 
 @pytest.mark.parametrize(
@@ -129,7 +153,7 @@ def test_one_piston_with_a_larger_clearance_adds_a_line_at_the_shaft_frequency(
 ) -> None:
     clearances = (um(12) + um(25), *[um(12)] * 6)
     scattered = pressure_lines(LoadCase(pump, at_15, piston_clearances=clearances), 10)
-    assert abs(scattered[0, Dof.RETAINER_Z]) == pytest.approx(23.4, rel=0.01)
+    assert abs(scattered[0, Dof.RETAINER_Z]) == pytest.approx(22.84, rel=0.01)
 
     # wear by as much is the same case
     worn = pressure_lines(LoadCase(pump, at_15, PistonWear(um(25))), 10)
@@ -189,17 +213,103 @@ def test_pressures_repeat_after_two_revolutions(
     assert second.discharge.mean() == pytest.approx(MPa(pressure_mpa), rel=0.01)
 
 
-def test_halving_the_step_halves_the_error(pump: Pump, at_15: OperatingCondition) -> None:
+def test_halving_the_step_quarters_the_error(pump: Pump, at_15: OperatingCondition) -> None:
     case = LoadCase(pump, at_15)
 
     def force(steps: int) -> np.ndarray:
         return pressure_lines(case, 35, steps=steps)[:, Dof.RETAINER_Z]
 
-    fine = force(7168)
-    coarse_error = np.linalg.norm(force(448) - fine)
-    half_step_error = np.linalg.norm(force(896) - fine)
-    # backward Euler is of the first order
-    assert coarse_error / half_step_error == pytest.approx(2.0, abs=0.4)
+    fine = force(2 * FINE_STEPS)
+    coarse_error = np.linalg.norm(force(DEFAULT_STEPS) - fine)
+    half_step_error = np.linalg.norm(force(2 * DEFAULT_STEPS) - fine)
+    # BDF2 is of the second order.
+    assert coarse_error / half_step_error == pytest.approx(4.0, abs=0.4)
+
+
+@EACH_REFERENCE
+def test_the_default_steps_miss_the_limit_by_less_than_one_percent_of_the_lines(
+    pump: Pump,
+    at_15: OperatingCondition,
+    reference_forces: dict[Reference, np.ndarray],
+    reference: Reference,
+) -> None:
+    lines = pressure_lines(LoadCase(pump, at_15, reference.fault), 35)[:, Dof.RETAINER_Z]
+    piston_pass = np.arange(7, 36, 7) - 1
+    fine = reference_forces[reference][piston_pass]
+    error = np.abs(lines[piston_pass] - fine).sum() / np.abs(fine).sum()
+
+    # A port that a fault opens suddenly takes more steps than the usual ones.
+    is_sudden = isinstance(reference.fault, (DamScratch, GrooveErosion))
+    assert error < (0.009 if is_sudden else 0.003)
+
+
+def chamber_rates(pump: Pump, condition: OperatingCondition, theta: float, state: Any) -> Any:
+    """Return the rates [Pa/rad] of the chambers' and the outlet's pressures.
+
+    Written down from physics.md, section 5, apart from the solver.
+    """
+    group = pump.rotating_group
+    oil = pump.oil
+    chamber, outlet = state[:-1], state[-1]
+    angle = theta + 2 * math.pi * np.arange(group.piston_count) / group.piston_count
+    viscosity = oil.viscosity_at(condition.oil_temperature)
+
+    withdrawn = group.pitch_radius * math.tan(group.swash_angle) * (1 - np.cos(angle))
+    volume = group.dead_volume + group.piston_area * withdrawn
+    growth = group.piston_area * group.pitch_radius * math.tan(group.swash_angle) * np.sin(angle)
+    leakage = (
+        group.piston_clearance**3
+        * piston_leakage(pump, viscosity)
+        / (group.piston_guide_length - withdrawn)
+    )
+    leakage = leakage + slipper_leakage(pump, group.slipper_film, viscosity)
+    leakage = leakage + valve_plate_leakage(pump, pump.valve_plate.film, viscosity)
+
+    def flow(area: np.ndarray, difference: np.ndarray) -> np.ndarray:
+        jet = oil.discharge_coefficient * math.sqrt(2 / oil.density)
+        return jet * area * difference / np.sqrt(np.abs(difference) + 2e4)
+
+    suction_area, discharge_area = port_openings(pump, None, angle)
+    inward = flow(suction_area, condition.suction_pressure - chamber)
+    outward = flow(discharge_area, chamber - outlet)
+    gained = inward - outward - leakage * (chamber - condition.case_pressure)
+    air = oil.air_fraction * 1e5 / np.maximum(chamber, 5e4) ** 2
+    stiffness = 1 / (1 / oil.bulk_modulus + air)
+    chamber_rate = stiffness / volume * (gained / condition.speed - growth)
+
+    full_flow = group.displacement * condition.shaft_frequency
+    opening = (outlet - condition.discharge_pressure) / pump.line.relief_override + 0.95
+    line_flow = outward.sum() - full_flow * max(opening, 0.0)
+    line_rate = oil.bulk_modulus / pump.line.volume * line_flow / condition.speed
+    return np.append(chamber_rate, line_rate)
+
+
+@pytest.mark.nightly
+def test_a_stiff_solver_gives_the_same_lines(pump: Pump, at_15: OperatingCondition) -> None:
+    pressures = chamber_pressures(LoadCase(pump, at_15))
+    pitch = 2 * math.pi / 7
+    steps_per_pitch = DEFAULT_STEPS // 7
+    start = np.append(pressures.chamber[:, -1], pressures.discharge[-1])
+
+    solution = scipy.integrate.solve_ivp(
+        lambda theta, state: chamber_rates(pump, at_15, theta, state),
+        (0.0, 2 * pitch),
+        start,
+        method="Radau",
+        # The second pitch, on the grid of the march.
+        t_eval=pitch * (1 + np.arange(1, steps_per_pitch + 1) / steps_per_pitch),
+        rtol=1e-6,
+        atol=1.0,
+        max_step=math.radians(0.5),  # the relief grooves begin at once
+    )
+
+    def lines(chamber: np.ndarray) -> np.ndarray:
+        force = pump.rotating_group.piston_area * chamber.sum(axis=0)
+        return np.asarray(2 * np.fft.rfft(force)[1:6] / force.size)
+
+    exact = lines(solution.y[:-1])
+    error = np.abs(lines(pressures.chamber[:, :steps_per_pitch]) - exact).sum()
+    assert error < 0.005 * np.abs(exact).sum()
 
 
 @pytest.mark.parametrize("speed", [300, 3000])
@@ -305,7 +415,7 @@ def test_a_pump_of_nine_pistons_has_lines_at_nine_times_the_shaft_frequency(
     # the next multiple of nine, so that each piston has the same steps
     assert chamber_pressures(case, steps=448).angle.size == 450
 
-    force = np.abs(pressure_lines(case, 60, steps=448)[:, Dof.RETAINER_Z])
+    force = np.abs(pressure_lines(case, 60, steps=896)[:, Dof.RETAINER_Z])
     off_multiples = np.arange(1, 61) % 9 != 0
     assert force[off_multiples].max() < 1e-5
     assert force[8] > 100

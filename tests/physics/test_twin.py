@@ -57,19 +57,19 @@ def off_piston_pass(twin: Twin) -> np.ndarray:
 @pytest.mark.parametrize(
     ("topology", "fault", "expected"),  # rms of each channel [m/s^2]
     [
-        ("T1", None, (1.41, 1.78, 0.02)),
-        ("T2", None, (1.36, 1.34, 0.01)),
-        ("T1", replace(RECESS, off_axis=False), (6.57, 2.49, 0.02)),
-        ("T1", RECESS, (6.57, 2.49, 1.34)),
-        ("T1", replace(RECESS, contact="literal", off_axis=False), (49.37, 11.99, 0.02)),
-        ("T1", replace(RECESS, contact="physical"), (1.39, 1.76, 0.02)),
+        ("T1", None, (1.39, 1.77, 0.02)),
+        ("T2", None, (1.35, 1.33, 0.01)),
+        ("T1", replace(RECESS, off_axis=False), (6.57, 2.48, 0.02)),
+        ("T1", RECESS, (6.57, 2.48, 1.34)),
+        ("T1", replace(RECESS, contact="literal", off_axis=False), (49.38, 11.98, 0.02)),
+        ("T1", replace(RECESS, contact="physical"), (1.37, 1.74, 0.02)),
         ("T2", replace(RECESS, off_axis=False), (16.71, 4.99, 0.01)),
         ("T2", RECESS, (16.71, 4.99, 11.53)),
         ("T1", PistonWear(um(60)), (1.38, 1.83, 0.02)),
-        ("T1", SealingLandScratch(2.5e-12), (1.38, 1.83, 0.02)),
-        ("T1", DamScratch(1e-6), (1.22, 1.51, 0.02)),
-        ("T1", GrooveErosion(deg(6)), (1.33, 1.31, 0.01)),
-        ("T1", BoreDefect(um(300)), (1.37, 1.76, 0.02)),
+        ("T1", SealingLandScratch(2.5e-12), (1.37, 1.82, 0.02)),
+        ("T1", DamScratch(1e-6), (1.26, 1.56, 0.02)),
+        ("T1", GrooveErosion(deg(6)), (1.32, 1.29, 0.01)),
+        ("T1", BoreDefect(um(300)), (1.35, 1.74, 0.02)),
     ],
     ids=fault_name,
 )
@@ -89,15 +89,15 @@ def test_the_identified_dampings_of_the_paper_change_the_levels_as_in_the_refere
 ) -> None:
     interfaces = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
     twin = Twin(pump, at_15, RECESS, interfaces, bandwidth=WIDE_BANDWIDTH_HZ)
-    np.testing.assert_allclose(rms(lines_of(twin)), (10.84, 3.47, 4.77), rtol=0.01)
+    np.testing.assert_allclose(rms(lines_of(twin)), (10.84, 3.46, 4.78), rtol=0.01)
 
 
 @pytest.mark.parametrize(
     ("fault", "share"),
     [
-        (PistonWear(um(60)), 0.0339),
-        (BoreDefect(um(300)), 0.0466),
-        (SealingLandScratch(2.5e-12), 0.0322),
+        (PistonWear(um(60)), 0.0422),
+        (BoreDefect(um(300)), 0.0476),
+        (SealingLandScratch(2.5e-12), 0.0338),
     ],
     ids=fault_name,
 )
@@ -210,7 +210,7 @@ def test_the_fourth_piston_pass_line_is_the_tallest_of_the_cover(
     cover = np.abs(lines_of(twin)[0])
     tallest_order = twin.orders[cover.argmax()]
     assert tallest_order * at_15.shaft_frequency == pytest.approx(401, abs=1)
-    assert math.isclose(cover[twin.orders == 28][0], 1.251, rel_tol=0.01)
+    assert math.isclose(cover[twin.orders == 28][0], 1.239, rel_tol=0.005)
 
 
 @pytest.mark.parametrize("topology", ["T1", "T2"])

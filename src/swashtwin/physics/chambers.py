@@ -2,9 +2,15 @@
 
 Each chamber follows dp/dtheta = B / (omega V) [Q_suction - Q_discharge - G (p - p_case)] - B / V
 dV/dtheta, and the outlet line follows the sum of the flows into it less that of its relief valve
-(docs/explanation/physics.md, section 5). Backward Euler over a uniform grid of the shaft angle;
-each step is solved by Newton's method, whose matrix is an arrow (chambers meet only in the line),
-with a step halved wherever it changes sign. The loop over the angles is compiled.
+(docs/explanation/physics.md, section 5). The backward differentiation formula of second order
+(BDF2) over a uniform grid of the shaft angle,
+
+    p = (4 p1 - p0) / 3 + 2/3 h f(p),
+
+with p1 and p0 one and two steps earlier: as stable as backward Euler where an open port is stiff,
+and of second order (Hairer and Wanner, *Solving Ordinary Differential Equations II*, V.1). Each
+step is solved by Newton's method, whose matrix is an arrow (chambers meet only in the line), with a
+step halved wherever it changes sign. The loop over the angles is compiled.
 """
 
 import math
@@ -22,12 +28,15 @@ AIR_FLOOR = 5e4
 """Lowest pressure [Pa] at which free air is still compressed as a gas."""
 ATMOSPHERE = 1e5
 """Pressure [Pa] at which the fraction of free air is stated."""
-TOLERANCE = 1.0
+TOLERANCE = 100.0
 """Newton step [Pa] after which a pressure is solved: the next one would be smaller by orders of
-magnitude.
+magnitude, and the error of the steps in the angle is some 10 kPa.
 """
 ITERATIONS = 60
 """Newton iterations of one step before it counts as failed."""
+
+_RATE_WEIGHT = 2 / 3
+"""Weight of the rate in BDF2; the weights of the two earlier pressures are 4/3 and -1/3."""
 
 
 @compiled
@@ -65,22 +74,36 @@ def march(over_angle, over_pistons, constants, revolutions, iterations, chamber,
         pressure[j] = discharge if rising else suction
     line_pressure = discharge
 
+    # The pump has rested before the start.
+    earlier_pressure = pressure.copy()
+    earlier_line = line_pressure
+
     stride = n_angles // n_pistons
     for index in range(1, revolutions * n_angles + 1):
         end = (index - 1) % n_angles
         for j in range(n_pistons):
             row = end + 1 + j * stride
             here = over_angle[row if row < n_angles else row - n_angles]
+            history = (4 * pressure[j] - earlier_pressure[j]) / 3
+            expected = 2 * pressure[j] - earlier_pressure[j]
+            earlier_pressure[j] = pressure[j]
+            pressure[j] = max(expected, FLOOR)
+
             # Compressibility of oil and of its free air, which is isothermal.
-            compliance = here[2] / (softness + air / max(pressure[j], AIR_FLOOR) ** 2)
+            softened = softness + air / max(expected, AIR_FLOOR) ** 2
+            compliance = _RATE_WEIGHT * here[2] / softened
             leakage = here[4] + here[5] * over_pistons[0, j] + over_pistons[1, j]
             step[0, j] = here[0]
             step[1, j] = here[1]
             step[2, j] = compliance
             step[3, j] = leakage
-            step[4, j] = pressure[j] + compliance * (leakage * case - here[3])
+            step[4, j] = history + compliance * (leakage * case - here[3])
 
-        line_pressure = _newton(step, constants, iterations, work, pressure, line_pressure)
+        line_history = (4 * line_pressure - earlier_line) / 3
+        earlier_line = line_pressure
+        line_pressure = _newton(
+            step, constants, iterations, work, pressure, line_pressure, line_history
+        )
         if math.isnan(line_pressure):
             return index
         chamber[end] = pressure
@@ -90,14 +113,17 @@ def march(over_angle, over_pistons, constants, revolutions, iterations, chamber,
 
 @compiled
 @no_type_check
-def _newton(step, constants, iterations, work, pressure, previous_line):
+def _newton(step, constants, iterations, work, pressure, line, line_history):
     """Solve one step into `pressure`; return the outlet line's pressure, NaN without convergence.
+
+    `pressure` and `line` hold the start of the iteration. `line_history` is what the line's
+    pressure would be without a flow.
 
     The matrix is an arrow: each chamber meets only the line. Its rows are eliminated one by one,
     which leaves one equation for the change of the line's pressure.
     """
     suction = constants[0]
-    line_compliance = constants[5]
+    line_compliance = _RATE_WEIGHT * constants[5]
     relief = constants[6]
     cracking = constants[7]
     residual = work[0]
@@ -108,7 +134,6 @@ def _newton(step, constants, iterations, work, pressure, previous_line):
     damping[:] = 1.0
     previous_change[:] = 0.0
     n_pistons = pressure.size
-    line = previous_line
     for _ in range(iterations):
         flow_sum = 0.0
         slope_sum = 0.0
@@ -132,7 +157,7 @@ def _newton(step, constants, iterations, work, pressure, previous_line):
 
         excess = line - cracking
         line_residual = (
-            line - previous_line - line_compliance * (flow_sum - relief * max(excess, 0.0))
+            line - line_history - line_compliance * (flow_sum - relief * max(excess, 0.0))
         )
         line_diagonal = 1 + line_compliance * (slope_sum + relief * (excess > 0))
         line_change = (pushed - line_residual) / (line_diagonal - answered)

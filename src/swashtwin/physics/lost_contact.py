@@ -198,7 +198,7 @@ def _tables(
     turned = np.mod(angle - angle_ahead(pump, fault.slipper, "LooseSlipper.slipper"), 2 * math.pi)
     outlet = np.interp(turned, tight.angle, tight.discharge, period=2 * np.pi)
 
-    guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
+    guide = group.piston_guide_length - lift * (1 - np.cos(angle))
     leakage = (
         slipper_leakage(pump, group.slipper_film, viscosity)
         + valve_plate_leakage(pump, pump.valve_plate.film, viscosity)

@@ -68,6 +68,14 @@ SHIPPED = Path(__file__).parent / "priors"
 _VERSION = 2
 _MAY_BE_NAN = ("levels", "speed", "pressure")
 
+LOOKALIKES = {
+    "piston": (
+        "A scratched sealing land of the cylinder block leaks from one chamber as a worn piston "
+        "does, and changes the same lines: check both."
+    )
+}
+"""By class of a prior, a fault of another part that no line distinguishes from it."""
+
 # Field of each array of a file of version 2.
 _ARRAY_FIELDS = {"levels": "band_powers", "speed": "point_speed", "pressure": "point_pressure"}
 
@@ -409,6 +417,8 @@ class PriorClassifier:
         label = self.classes[int(probability[:-1].argmax())]
         reasons = self._describe_doubts(recording, comparison, probability)
         notes = (*reasons[1:], *notes)
+        if label in LOOKALIKES and not reasons:
+            notes = (LOOKALIKES[label], *notes)
 
         return replace(
             diagnosis,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float64
 
-from swashtwin.diagnosis.prior_classifier import PriorClassifier
+from swashtwin.diagnosis.prior_classifier import LOOKALIKES, PriorClassifier
 from swashtwin.diagnosis.recording_arguments import as_recordings, relabel_recordings
 from swashtwin.diagnosis.verdict import MIN_CERTAIN_PROBABILITY, Diagnosis
 from swashtwin.foundation import DataError, InputError, plural, propose_setting
@@ -86,6 +86,8 @@ class Resemblance:
                 f"{n_as_high or 'None'} of {n} training recordings resemble faults that were not "
                 "trained as much."
             )
+            if likeliest in LOOKALIKES:
+                reason = f"{reason} {LOOKALIKES[likeliest]}"
             reasons = (reason, *reasons)
 
         new_notes = [reason for reason in reasons if reason not in diagnosis.notes]

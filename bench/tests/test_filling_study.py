@@ -2,7 +2,9 @@
 only.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +40,12 @@ from swashtwin_bench.studies.dataset import (
 )
 from swashtwin_bench.studies.filling import CONTRASTS, EVERY_CLASS, EVERYWHERE, SOURCES
 from swashtwin_bench.studies.plan import PlanSettings
-from swashtwin_bench.studies.training_sets import TrainingSet, build_twins, synthesize_for
+from swashtwin_bench.studies.training_sets import (
+    TrainingSet,
+    build_twins,
+    for_training,
+    synthesize_for,
+)
 
 PRESSURES = (MPa(5), MPa(10), MPa(15))
 N_SYNTHETIC = 6
@@ -67,6 +74,18 @@ def dataset(recordings: list[Recording]) -> StudyDataset:
     )
 
 
+@pytest.fixture(scope="module")
+def filled(dataset: StudyDataset) -> Callable[[str, str], WindowSet]:
+    """Return the windows of a source by ending of the training set, made once."""
+    endings = {"": {}, EVERYWHERE: {"every_class": True, "every_pressure": True}}
+
+    @cache
+    def windows_of(source: str, ending: str) -> WindowSet:
+        return synthesize_for(dataset, TrainingSet(source, **endings[ending]))
+
+    return windows_of
+
+
 def specimens_of(windows: WindowSet) -> set[str]:
     """Return the names of the pumps in brackets: "A" of "twin of 25scy14-1b (A)"."""
     return {name.partition("(")[2].rstrip(")") for name in windows.specimen.tolist()}
@@ -76,31 +95,37 @@ def specimens_of(windows: WindowSet) -> set[str]:
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_a_source_fills_the_missing_cell_alone(dataset: StudyDataset, source: str) -> None:
-    windows = synthesize_for(dataset, TrainingSet(source))
+def test_a_source_fills_the_missing_cell_alone(
+    filled: Callable[[str, str], WindowSet], source: str
+) -> None:
+    windows = filled(source, "")
     assert windows.synthetic.all()
     assert windows.counts()["swash_plate", MPa(15)] == len(windows) == N_SYNTHETIC
 
 
 @pytest.mark.parametrize("source", SOURCES)
 def test_a_source_fills_every_class_at_every_pressure_alike(
-    dataset: StudyDataset, source: str
+    filled: Callable[[str, str], WindowSet], source: str
 ) -> None:
-    everywhere = TrainingSet(source, every_class=True, every_pressure=True)
-    counts = synthesize_for(dataset, everywhere).counts()
+    counts = filled(source, EVERYWHERE).counts()
     assert {pressure for _, pressure in counts} == set(PRESSURES)
     assert set(counts.values()) == {N_SYNTHETIC}
 
 
+def test_every_class_is_filled_at_the_pressure_of_the_missing_cell(dataset: StudyDataset) -> None:
+    counts = synthesize_for(dataset, TrainingSet("nominal", every_class=True)).counts()
+    assert counts == {(name, MPa(15)): N_SYNTHETIC for name in dataset.measured.classes}
+
+
 @pytest.mark.parametrize("source", SOURCES)
 def test_filling_further_cells_changes_no_window_of_the_missing_one(
-    dataset: StudyDataset, source: str
+    filled: Callable[[str, str], WindowSet], source: str
 ) -> None:
     # a difference between two training sets is then that of the further windows alone
-    alone = synthesize_for(dataset, TrainingSet(source))
-    every_class = synthesize_for(dataset, TrainingSet(source, every_class=True))
-    in_cell = every_class.label == "swash_plate"
-    np.testing.assert_array_equal(every_class.signal[in_cell], alone.signal)
+    everywhere = filled(source, EVERYWHERE)
+    is_missing = everywhere.label == "swash_plate"
+    is_missing &= everywhere.cell_pressure == MPa(15)
+    np.testing.assert_array_equal(everywhere.signal[is_missing], filled(source, "").signal)
 
 
 def test_as_many_windows_as_measured_are_spread_over_the_cells(dataset: StudyDataset) -> None:
@@ -169,14 +194,14 @@ def test_settings_that_came_later_leave_the_keys_of_earlier_runs_alone() -> None
 
 
 def test_nominal_twins_without_gain_have_the_noise_of_those_with_it(
-    dataset: StudyDataset,
+    dataset: StudyDataset, filled: Callable[[str, str], WindowSet]
 ) -> None:
     lender = without_gain(dataset.measured)
     healthy = dataset.measured.subset(dataset.measured.label == "normal")
     np.testing.assert_array_equal(lender.signal, healthy.signal)
 
-    fitted = synthesize_for(dataset, TrainingSet("nominal")).signal
-    unfitted = synthesize_for(dataset, TrainingSet("no_gain")).signal
+    fitted = filled("nominal", "").signal
+    unfitted = filled("no_gain", "").signal
     # they differ by the lines alone, which are the same but for one factor for each channel
     difference = (fitted - unfitted).astype(float)
     spectrum = np.abs(np.fft.rfft(difference, axis=2)).mean(axis=(0, 1))
@@ -185,9 +210,9 @@ def test_nominal_twins_without_gain_have_the_noise_of_those_with_it(
 
 @pytest.mark.parametrize("source", CEILINGS)
 def test_a_ceiling_knows_the_training_pumps_and_no_other(
-    dataset: StudyDataset, source: str
+    dataset: StudyDataset, filled: Callable[[str, str], WindowSet], source: str
 ) -> None:
-    windows = synthesize_for(dataset, TrainingSet(source, every_class=True))
+    windows = filled(source, EVERYWHERE)
     assert specimens_of(windows) == set(dataset.measured.specimen.tolist())
 
     tested_pumps = set(dataset.tests["L4"].specimen.tolist())
@@ -196,13 +221,31 @@ def test_a_ceiling_knows_the_training_pumps_and_no_other(
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_no_test_recording_contributes_to_a_window(dataset: StudyDataset, source: str) -> None:
-    everywhere = TrainingSet(source, every_class=True, every_pressure=True)
-    windows = synthesize_for(dataset, everywhere)
+def test_no_test_recording_contributes_to_a_window(
+    dataset: StudyDataset, filled: Callable[[str, str], WindowSet], source: str
+) -> None:
+    windows = filled(source, EVERYWHERE)
     contributors = set(windows.sources) | set(dataset.manifest)
     assert set(windows.manifest) <= set(dataset.measured.recording_id.tolist())
     for test in dataset.tests.values():
         assert not contributors & set(test.recording_id.tolist())
+
+
+def test_windows_with_a_reference_are_relative_to_healthy_ones_of_the_same_twin(
+    dataset: StudyDataset, filled: Callable[[str, str], WindowSet]
+) -> None:
+    scenario = replace(dataset.scenario, with_reference=True)
+    compared = replace(dataset, scenario=scenario)
+    everywhere = for_training(compared, TrainingSet("no_gain"), filled("no_gain", EVERYWHERE))
+    healthy = everywhere.subset(everywhere.label == "normal")
+    assert healthy.signal.var(axis=(1, 2)).mean() == pytest.approx(1, rel=0.2)
+
+    # the missing cell alone is compared with healthy windows that are made for it
+    alone = for_training(compared, TrainingSet("no_gain"), filled("no_gain", ""))
+    at_pressure = everywhere.cell_pressure == MPa(15)
+    in_cell = everywhere.subset((everywhere.label == "swash_plate") & at_pressure)
+    np.testing.assert_allclose(alone.signal, in_cell.signal)
+    assert alone.signal.var() > 1.2
 
 
 def test_the_pumps_of_a_ceiling_are_those_that_were_measured(dataset: StudyDataset) -> None:
@@ -232,8 +275,11 @@ def test_true_twins_have_the_true_values_and_the_recess_of_the_pump(
         assert twin.fault.gain == pump.following
 
 
-def test_lines_of_the_rig_are_as_loud_as_its_recordings(dataset: StudyDataset) -> None:
-    windows = synthesize_for(dataset, TrainingSet(PERFECT_MODEL, every_class=True))
+def test_lines_of_the_rig_are_as_loud_as_its_recordings(
+    dataset: StudyDataset, filled: Callable[[str, str], WindowSet]
+) -> None:
+    everywhere = filled(PERFECT_MODEL, EVERYWHERE)
+    windows = everywhere.subset(everywhere.cell_pressure == MPa(15))
     for label in ("normal", "piston"):
         at_pressure = (dataset.measured.label == label) & (
             dataset.measured.discharge_pressure == MPa(15)

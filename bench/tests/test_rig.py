@@ -168,7 +168,7 @@ def test_a_folder_with_files_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_unknown_size_is_refused_with_the_known_ones(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="must be one of tiny, short, small, paper"):
+    with pytest.raises(InputError, match="must be one of tiny, short, many, small, paper"):
         build_rig(tmp_path / "new", seed=0, size="huge")
 
 

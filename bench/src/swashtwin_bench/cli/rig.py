@@ -1,5 +1,6 @@
 """Commands on the virtual rig: demo, bench rig."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -102,11 +103,21 @@ def _format_command(*arguments: object) -> str:
     return " ".join(parts)
 
 
+class Spread(StrEnum):
+    """How far the pumps of the rig lie from their drawing."""
+
+    usual = "usual"
+    wide = "wide"
+
+
 def rig(
     out: Annotated[Path, typer.Argument(help="New folder for the recordings.")],
     seed: Seed = 0,
     size: Annotated[
-        str, typer.Option(help="Number and length of the recordings: tiny, short, small or paper.")
+        str,
+        typer.Option(
+            help="Number and length of the recordings: tiny, short, many, small or paper."
+        ),
     ] = "small",
     version: Annotated[
         str,
@@ -116,6 +127,12 @@ def rig(
             "2-deep, with the recess of the paper.",
         ),
     ] = "1",
+    spread: Annotated[
+        Spread,
+        typer.Option(
+            help="Spread of the pumps: usual; or wide, further from their drawing (version 1 only)."
+        ),
+    ] = Spread.usual,
     sensor_count: Annotated[
         int,
         typer.Option(
@@ -127,6 +144,10 @@ def rig(
 ) -> None:
     """Record pumps on a virtual rig (a simulation), and write the recordings and their index."""
     from swashtwin_bench import build_rig
+    from swashtwin_bench.rigs.writing import wide_version
+
+    if spread is Spread.wide:
+        version = wide_version(version)
 
     with progress("recording") as bar:
         index_file = build_rig(

@@ -36,6 +36,8 @@ STUDIES = {
     "augmentation": "all methods that fill the scarce cell, by number of synthetic windows",
     "fair-test": "calibrated twins with the law of the recess against nominal twins "
     "(docs/bench/fair-test.md)",
+    "fair-test-2": "calibrated against nominal twins that fill every class, with and without a "
+    "healthy reference (docs/bench/fair-test-2.md)",
     "filling": "what twins should fill: the missing cell alone, every class at its pressure, or "
     "every class everywhere; with ceilings that know the truth of the virtual rig",
     "alarms": "false alarms on healthy pumps that drift; severity and delay of growing faults",

@@ -17,6 +17,7 @@ TRAINING_SETS = {
     "no_gain": "with nominal twin without gain",
     "no_gain_every_class": "with nominal twin without gain, every class",
     "no_gain_everywhere": "with nominal twin without gain, every class and pressure",
+    "calibrated_every_class": "with calibrated twin, every class",
     "law_every_class": "with calibrated twin and law of the recess, every class",
     "law_everywhere": "with calibrated twin and law of the recess, every class and pressure",
     "ceiling_true": "ceiling: true values",

@@ -45,6 +45,14 @@ HOUSING_MODES = (1717.0, 2967.0, 3600.0, 4450.0)
 The first three were measured on a real front housing.
 """
 
+WIDE_VALUE_SPREAD = 0.7
+"""Largest |ln| of an interface value over the fleet's mean in the wide spread: a factor of 2."""
+
+WIDE_SUPPORT_SPREAD = 0.5
+"""Largest |ln| of the stiffness of mounting and of bearings over the drawing's in the wide spread:
+a factor of 1.65, as brackets and preloads differ from plant to plant.
+"""
+
 MIN_CLEARANCE_M = 8e-6
 """Smallest radial clearance of a piston [m]: a bound on rare draws."""
 
@@ -182,6 +190,24 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> Specimen:
         following=float(rng.uniform(0.85, 1.1)),
         following_cutoff=float(rng.uniform(1200, 1800)),
         housing=_draw_housing(rng, len(nominal.sensors)),
+    )
+
+
+def draw_wide_specimen(nominal: Pump, name: str, seed: int) -> Specimen:
+    """Return pump `name` of the fleet of `seed`, further from its drawing than `draw_specimen`.
+
+    Interface values, mounting and bearings are drawn anew, uniformly in the logarithm so that no
+    pump lies beyond the limits. Everything else is that of `draw_specimen`.
+    """
+    rng = random_stream(seed, "wide spread", name)
+    factors = np.exp(rng.uniform(-WIDE_VALUE_SPREAD, WIDE_VALUE_SPREAD, len(PARAMETERS)))
+    mount, bearing = np.exp(rng.uniform(-WIDE_SUPPORT_SPREAD, WIDE_SUPPORT_SPREAD, 2)).tolist()
+
+    return replace(
+        draw_specimen(nominal, name, seed),
+        values=np.array(nominal.interfaces.values()) * np.array(FLEET_FACTORS) * factors,
+        mount=mount,
+        bearing=bearing,
     )
 
 

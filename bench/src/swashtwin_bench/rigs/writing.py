@@ -24,7 +24,7 @@ from swashtwin.foundation import (
 )
 from swashtwin.pump import CLASSES, Fault, OperatingCondition, Pump, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
-from swashtwin_bench.rigs.fleet import Specimen, draw_fault, draw_specimen
+from swashtwin_bench.rigs.fleet import Specimen, draw_fault, draw_specimen, draw_wide_specimen
 from swashtwin_bench.rigs.measuring import Run, measure
 from swashtwin_bench.rigs.version_three import fleet as version_three
 from swashtwin_bench.rigs.version_three.measuring import measure as measure_three
@@ -40,6 +40,9 @@ OTHER_DESIGNS = ("3",)
 DEEP_VERSION = "1-deep"
 """Version 1 with the paper's recess of 0.6 mm; recordings of other classes are those of version 1.
 """
+
+WIDE_VERSION = "1-wide"
+"""Version 1 with pumps that differ more from their drawing and from each other."""
 
 MANIFEST_NAME = "rig.json"
 """File in a rig's folder that describes the rig, so that an interrupted run can be resumed."""
@@ -82,11 +85,13 @@ SIZES = MappingProxyType(
     {
         "tiny": RigSize(specimens=2, repeats=2, duration=1.25),
         "short": RigSize(specimens=6, repeats=2, duration=2.0),
+        "many": RigSize(specimens=9, repeats=4, duration=2.0),
         "small": RigSize(specimens=6, repeats=3),
         "paper": RigSize(specimens=6, repeats=4),
     }
 )
-"""Sizes by name: ``tiny`` for trials, ``short`` for studies of many fleets, ``small`` for a demo.
+"""Sizes by name: ``tiny`` for trials, ``short`` for studies of many fleets, ``many`` for studies
+whose tests need more pumps, ``small`` for a demo.
 
 ``paper`` has in each class over three times the paper's 650 windows of 80 ms, so that a study can
 take the paper's counts for training and test on other recordings.
@@ -140,7 +145,7 @@ def _list_slots(
         )
 
     # Only version 1 places its sensors by the pump file; the others drew theirs for three.
-    draws_by_pump_file = VERSIONS[version].draw_specimen is draw_specimen
+    draws_by_pump_file = VERSIONS[version].draw_specimen in (draw_specimen, draw_wide_specimen)
     if sensors not in PUMPS or (sensors != 3 and not draws_by_pump_file):
         raise InputError(
             f"Version {version} of the rig cannot record {sensors} sensors: version 1 has "
@@ -269,12 +274,29 @@ VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
             measure_three,
             version_three.LABELS,
         ),
+        WIDE_VERSION: RigVersion((SPEED,), draw_wide_specimen, _draw_first_run, measure),
     }
 )
 """Versions of the rig by name (docs/bench/rig.md).
 
-``1-deep`` and ``2-deep`` are versions 1 and 2 with the paper's recess of 0.6 mm.
+``1-deep`` and ``2-deep`` are versions 1 and 2 with the paper's recess of 0.6 mm. In ``1-wide``
+pumps differ more from their drawing (`draw_wide_specimen`).
 """
+
+
+def wide_version(version: str) -> str:
+    """Return the version whose pumps differ more from their drawing than those of `version`.
+
+    Raises
+    ------
+    InputError
+        The version has no such spread.
+    """
+    if version != RIG_VERSION:
+        raise InputError(
+            f"Version {version} of the rig has no wide spread: only version {RIG_VERSION} has one."
+        )
+    return WIDE_VERSION
 
 
 def require_version(version: str) -> None:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from swashtwin.foundation import random_stream
 from swashtwin.learning import WindowSet
-from swashtwin.physics import Twin
+from swashtwin.physics import Scales, Twin
 from swashtwin.pump import (
     Fault,
     Interfaces,
@@ -27,9 +27,15 @@ from swashtwin.pump import (
 )
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis import Variation, build_windows, simulate_windows
-from swashtwin_bench.rigs.fleet import Specimen, draw_fault, draw_specimen, film_factors
+from swashtwin_bench.rigs.fleet import Specimen, draw_fault, film_factors
 from swashtwin_bench.rigs.measuring import Run, sensor_lines
-from swashtwin_bench.rigs.writing import PUMPS, draw_run
+from swashtwin_bench.rigs.writing import (
+    PUMPS,
+    RIG_VERSION,
+    VERSIONS,
+    WIDE_VERSION,
+    draw_run,
+)
 from swashtwin_bench.studies.dataset import StudyDataset
 
 TRUE_VALUES = "ceiling_true"
@@ -40,6 +46,9 @@ PERFECT_MODEL = "ceiling_perfect"
 
 CEILINGS = (TRUE_VALUES, PERFECT_MODEL)
 """Sources that need the hidden truth."""
+
+KNOWN_RIGS = (RIG_VERSION, WIDE_VERSION)
+"""Versions of the rig whose truth they can draw: both have the measurement of version 1."""
 
 NO_VARIATION = Variation(0.0, 0.0, 0.0, 0.0, interfaces=0.0, sensor=0.0)
 """Equal windows of a twin, apart from phase and temperature."""
@@ -52,10 +61,11 @@ _FEW_LINES = 1.01
 def draw_training_pumps(dataset: StudyDataset) -> list[Specimen]:
     """Return the training pumps of the fleet with their true properties.
 
-    The seed of the dataset is that of the fleet, version 1 of the rig.
+    The seed of the dataset is that of the fleet, and its rig one of `KNOWN_RIGS`.
     """
     nominal = load_pump(PUMPS[dataset.measured.n_channels])
     names = sorted(set(dataset.measured.specimen.tolist()))
+    draw_specimen = VERSIONS[dataset.rig].draw_specimen
     return [draw_specimen(nominal, name, dataset.seed) for name in names]
 
 
@@ -64,10 +74,11 @@ def build_true_twins(
     faults: Sequence[Fault | None],
     conditions: Sequence[OperatingCondition],
 ) -> list[Twin]:
-    """Return twins with the true interface values of the training pumps.
+    """Return twins with the true interface values, mounting and bearings of the training pumps.
 
-    There is one for each kind of fault, operating point and pump. The drawing is the nominal one.
-    The films have their values at 45 degC, and slippers follow a recess as those of the pump do.
+    There is one for each kind of fault, operating point and pump. The rest of the drawing is the
+    nominal one. The films have their values at 45 degC, and slippers follow a recess as those of
+    the pump do.
     """
     twins = []
     for fault, condition, specimen in product(faults, conditions, draw_training_pumps(dataset)):
@@ -77,9 +88,22 @@ def build_true_twins(
             fault = replace(fault, corner=specimen.following_cutoff, gain=specimen.following)
         factors = film_factors(condition.discharge_pressure, relative_viscosity=1.0)
         interfaces = Interfaces.from_values(specimen.values * factors)
-        twins.append(Twin(pump, condition, fault, interfaces))
+        scales = Scales(mount=specimen.mount, bearing=specimen.bearing)
+        twins.append(Twin(pump, condition, fault, interfaces, scales=scales))
 
     return twins
+
+
+def specimen_of(twin: Twin) -> str:
+    """Return the training pump that a twin was made for, as its name says; empty if it is nominal.
+
+    Examples
+    --------
+    >>> pump = replace(load_pump("25scy14-1b"), name="25scy14-1b (A)")
+    >>> specimen_of(Twin(pump, OperatingCondition(speed=90.0, discharge_pressure=15e6)))
+    'A'
+    """
+    return twin.pump.name.partition(" (")[2].removesuffix(")")
 
 
 def record_perfect_windows(
@@ -90,6 +114,7 @@ def record_perfect_windows(
     count: int,
     assemblies: int,
     seed: int,
+    own_noise: bool = False,
 ) -> WindowSet:
     """Return windows of the rig's own lines, with the noise that windows of twins have.
 
@@ -97,12 +122,14 @@ def record_perfect_windows(
     ----------
     pressure : set discharge pressure [Pa].
     assemblies : numbers of assemblies and severities; the training pumps take turns.
+    own_noise : lay the lines of a pump over its own noise, not over that of all training pumps.
     """
     measured = dataset.measured
     pumps = draw_training_pumps(dataset)
     (condition,) = dataset.conditions(pressure)
     time = np.arange(measured.length) / measured.sample_rate
-    signal = draw_noise(dataset, condition, count=count, seed=seed)
+    lenders = [pump.name for pump in pumps] if own_noise else [""]
+    signal = draw_noise(dataset, condition, lenders, count=count, seed=seed)
 
     specimens = []
     for index in range(count):
@@ -140,11 +167,21 @@ def _record_lines(
 
 
 def draw_noise(
-    dataset: StudyDataset, condition: OperatingCondition, *, count: int, seed: int
+    dataset: StudyDataset,
+    condition: OperatingCondition,
+    lenders: Sequence[str],
+    *,
+    count: int,
+    seed: int,
 ) -> Float[np.ndarray, "window channel time"]:
     """Return the noise that windows of a twin are laid over at an operating point.
 
     It is the difference of equal windows with and without noise.
+
+    Parameters
+    ----------
+    lenders : training pumps whose noise the windows have in turns; an empty text stands for all
+        pumps together.
     """
     twin = Twin(dataset.scenario.pump, condition)
     piston_pass = twin.pump.rotating_group.piston_count * condition.shaft_frequency
@@ -153,12 +190,13 @@ def draw_noise(
     lender = without_gain(dataset.measured)
     silent, noisy = (
         simulate_windows(
-            twin,
+            [twin] * len(lenders),
             count=count,
             like=lender,
             seed=seed,
             variation=NO_VARIATION,
             background=background,
+            specimens=lenders,
         )
         for background in ("none", "spectrum")
     )

@@ -20,7 +20,9 @@ from swashtwin.pump import (
 )
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import FORMAT
+from swashtwin_bench.rigs.writing import RIG_VERSION
 from swashtwin_bench.studies.cells import cut_evenly, order_classes
+from swashtwin_bench.studies.healthy_reference import relative_to_healthy
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, ScenarioSplit, split_scenario
 
 RECESS = "swash_plate"
@@ -111,6 +113,26 @@ class StudyDataset:
     calibrated_on: tuple[str, ...]
     """Recordings that twins were calibrated on."""
     split: ScenarioSplit
+    references: WindowSet
+    """Windows of the reference recordings; none unless the scenario compares with them."""
+    rig: str = RIG_VERSION
+    """Version of the virtual rig, if ceilings need its truth."""
+
+    def for_training(self) -> "StudyDataset":
+        """Return what a training gets: no calibrations, and windows as classifiers see them.
+
+        If the scenario has a reference, they are relative to the healthy windows of their specimen.
+        """
+        dataset = replace(self, calibrations={})
+        if not self.scenario.with_reference:
+            return dataset
+
+        measured = relative_to_healthy(self.measured, self.references)
+        tests = {
+            name: relative_to_healthy(windows, self.references)
+            for name, windows in self.tests.items()
+        }
+        return replace(dataset, measured=measured, tests=tests)
 
     @property
     def manifest(self) -> tuple[str, ...]:
@@ -185,6 +207,7 @@ def prepare_dataset(
     calibrations: Iterable[tuple[CalibrationTask, Calibration]],
     *,
     noisy_tests: bool = False,
+    rig: str = RIG_VERSION,
 ) -> StudyDataset:
     """Return the windows of all roles under `seed`.
 
@@ -192,6 +215,7 @@ def prepare_dataset(
     ----------
     calibrations : the tasks of `calibration_tasks`, each with its result.
     noisy_tests : keep the recordings of the tests, to perturb them.
+    rig : version of the virtual rig, if ceilings need its truth.
     """
     split = split_scenario(recordings, scenario, seed)
     by_id = {recording.recording_id: recording for recording in recordings}
@@ -217,6 +241,13 @@ def prepare_dataset(
     if RANDOM_WINDOWS in tests:
         measured, tests[RANDOM_WINDOWS] = deal_windows(measured, tests[RANDOM_WINDOWS], seed)
 
+    references = measured.subset(np.zeros(len(measured), dtype=bool))
+    if scenario.with_reference:
+        healthy = [by_id[name] for name in sorted(split.references)]
+        references = cut_evenly(
+            healthy, length=scenario.length, count=scenario.windows, like=measured
+        )
+
     test_recordings = {}
     # They are sent to the processes, so those without a window of the test are left out.
     if noisy_tests:
@@ -238,6 +269,8 @@ def prepare_dataset(
         calibrations=by_task,
         calibrated_on=tuple(sorted(calibrated_on)),
         split=split,
+        references=references,
+        rig=rig,
     )
 
 

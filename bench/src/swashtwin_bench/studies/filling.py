@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from swashtwin_bench.studies.ceilings import CEILINGS, PERFECT_MODEL
-from swashtwin_bench.studies.training_sets import NO_GAIN, TrainingSet
+from swashtwin_bench.studies.training_sets import NO_GAIN, NOMINAL_TWINS, TrainingSet
 
 SOURCES = ("nominal", NO_GAIN, "law", *CEILINGS)
 """Sources from the poorest knowledge of a pump to the truth: nominal twins with and without fitted
@@ -61,3 +61,35 @@ CONTRASTS: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
     }
 )
 """Pairs of training sets that are compared, by question."""
+
+FAIR_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
+    {
+        "measured": TRAINING_SETS["measured"],
+        "nominal": TRAINING_SETS["nominal"],
+        **{
+            f"{source}{EVERY_CLASS}": TrainingSet(
+                source, every_class=True, own_noise=source not in NOMINAL_TWINS
+            )
+            for source in (*NOMINAL_TWINS, "calibrated", "law", *CEILINGS)
+        },
+    }
+)
+"""Training sets of the second fair test: every source fills every class, and nominal twins the
+missing cell alone too. Calibrated twins and ceilings have the noise and gains of their own pumps.
+"""
+
+FAIR_CONTRASTS: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
+    {
+        "minus nominal twins without gain, every class": tuple(
+            (f"{source}{EVERY_CLASS}", f"{NO_GAIN}{EVERY_CLASS}")
+            for source in ("law", "calibrated", "nominal", *CEILINGS)
+        ),
+        "every class minus the missing cell alone": ((f"nominal{EVERY_CLASS}", "nominal"),),
+        "minus measured windows only": (
+            ("nominal", "measured"),
+            (f"nominal{EVERY_CLASS}", "measured"),
+            (f"law{EVERY_CLASS}", "measured"),
+        ),
+    }
+)
+"""Pairs of training sets that the second fair test compares, by question."""

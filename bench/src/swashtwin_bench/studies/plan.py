@@ -14,14 +14,23 @@ from sklearn.decomposition import PCA
 
 from swashtwin.diagnosis import save_classifier
 from swashtwin.foundation import InputError
-from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
+from swashtwin.learning import (
+    Classifier,
+    FittedClassifier,
+    Scores,
+    WindowSet,
+    evaluate,
+    likeliest_class,
+    pooled_probabilities,
+)
 from swashtwin.pump import PRESSURE_TOLERANCE, load_pump, values_match
+from swashtwin.recordings import Manifest
 from swashtwin_bench.results.result import Contrasts, build_score_row
 from swashtwin_bench.results.runs import Task
 from swashtwin_bench.rigs.writing import PUMPS, RIG_VERSION
 from swashtwin_bench.rivals.baselines import ON_FEATURES
 from swashtwin_bench.rivals.models import Model, select_models, train_model
-from swashtwin_bench.studies.ceilings import CEILINGS
+from swashtwin_bench.studies.ceilings import CEILINGS, KNOWN_RIGS
 from swashtwin_bench.studies.dataset import StudyDataset, count_cells
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, machined_faults
@@ -109,7 +118,7 @@ class Plan:
     def __post_init__(self) -> None:
         if not (self.models and self.training_sets):
             raise InputError("A study needs at least one classifier and one training set.")
-        if self.has_ceilings and self.rig != RIG_VERSION:
+        if self.has_ceilings and self.rig not in KNOWN_RIGS:
             raise InputError(
                 f"Ceilings are drawn from the truth of version {RIG_VERSION} of the rig, not of "
                 f"version {self.rig}: select training_sets without ceiling."
@@ -364,21 +373,30 @@ def train_and_test(
 
 
 @dataclass(frozen=True, eq=False)
-class _Unlisted:
-    """A classifier without a manifest, which may be tested on its training recordings.
+class _Answers:
+    """The probabilities that a classifier gave to the windows of a test, computed once."""
 
-    Only for split L0, which shows how much of a score is leak.
-    """
-
-    classifier: Classifier
-    manifest: tuple[str, ...] = ()
-
-    @property
-    def classes(self) -> tuple[str, ...]:
-        return self.classifier.classes
+    classes: tuple[str, ...]
+    manifest: Manifest | tuple[str, ...]
+    """Recordings that no test may contain."""
+    probability: Float[np.ndarray, "window class"]
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
-        return self.classifier.predict_proba(windows)
+        return self.probability
+
+    def correct_recordings(self, test: WindowSet) -> dict[str, list[int]]:
+        """Return the numbers of recordings classified right, and of all, by specimen."""
+        counts: dict[str, list[int]] = {}
+        for name in np.unique(test.recording_id).tolist():
+            rows = np.flatnonzero(test.recording_id == name)
+            answer = likeliest_class(pooled_probabilities(self.probability[rows])[None])[0]
+            is_right = self.classes[answer] == test.label[rows[0]]
+
+            count = counts.setdefault(str(test.specimen[rows[0]]), [0, 0])
+            count[0] += int(answer >= 0 and is_right)
+            count[1] += 1
+
+        return counts
 
 
 def _test_all(
@@ -386,8 +404,9 @@ def _test_all(
 ) -> Iterator[dict[str, Any]]:
     """Yield the row of each test: split, perturbation and draw."""
     for split, clean_test in dataset.tests.items():
-        # A test with recordings of the manifest is refused, and this split has them by design.
-        tested = _Unlisted(classifier) if split == RANDOM_WINDOWS else classifier
+        # A test with recordings of the manifest is refused, and this split, which shows how much
+        # of a score is leak, has them by design.
+        manifest = () if split == RANDOM_WINDOWS else classifier.manifest
 
         for perturbation in (None, *plan.perturbations):
             factors = {"split": split}
@@ -398,9 +417,15 @@ def _test_all(
                 test = clean_test
                 if perturbation:
                     test = perturbation.of_test(dataset, split, repeat)
-                scores = evaluate(tested, test, split=split)
+                answers = _Answers(classifier.classes, manifest, classifier.predict_proba(test))
+                scores = evaluate(answers, test, split=split)
                 recall = scarce_recall(scores, dataset.scenario)
-                yield {**factors, "repeat": repeat, **build_score_row(scores, recall)}
+                yield {
+                    **factors,
+                    "repeat": repeat,
+                    **build_score_row(scores, recall),
+                    "correct_recordings": answers.correct_recordings(test),
+                }
 
 
 def scarce_recall(scores: Scores, scenario: Scenario) -> float:

@@ -22,7 +22,8 @@ from swashtwin_bench.studies.dataset import (
     run_calibration,
 )
 from swashtwin_bench.studies.plan import Plan, train_and_test
-from swashtwin_bench.studies.training_sets import fill_cells
+from swashtwin_bench.studies.scenario import Scenario
+from swashtwin_bench.studies.training_sets import fill_cells, for_training
 
 Source = Sequence[Recording] | Callable[[int], Sequence[Recording]]
 """Recordings that are the same under every seed, or a function that returns those of a seed."""
@@ -177,6 +178,8 @@ def _prepare_trainings(
     data_seed = plan.data_seed(seed)
 
     trainings: list[_Training] = []
+    fillings: dict[str, tuple[WindowSet, dict[str, float]]] = {}
+    filled_scenario: Scenario | None = None
     for variant in dict.fromkeys(task.factors.get(plan.varied, "") for task in tasks):
         variant_tasks = [task for task in tasks if task.factors.get(plan.varied, "") == variant]
         scenario = plan.scenario_of(variant)
@@ -194,13 +197,23 @@ def _prepare_trainings(
             data_seed,
             zip(searches, calibrations, strict=True),
             noisy_tests=bool(plan.perturbations),
+            rig=plan.rig,
         )
 
+        # A reference changes windows after they are made: scenarios with and without share them.
+        if replace(scenario, with_reference=False) != filled_scenario:
+            filled_scenario = replace(scenario, with_reference=False)
+            fillings = {}
         names = list(dict.fromkeys(task.factors["training_set"] for task in variant_tasks))
-        fillings = work.map(
-            "filling cells", fill_cells, [(dataset, plan.training_sets[name]) for name in names]
+        missing = [name for name in names if name not in fillings]
+        new_fillings = work.map(
+            "filling cells", fill_cells, [(dataset, plan.training_sets[name]) for name in missing]
         )
-        filling_by_name = dict(zip(names, fillings, strict=True))
+        fillings.update(zip(missing, new_fillings, strict=True))
+        synthetic_by_name = {
+            name: for_training(dataset, plan.training_sets[name], fillings[name][0])
+            for name in names
+        }
 
         facts = {
             "calibrations": [search.key for search in searches],
@@ -208,16 +221,16 @@ def _prepare_trainings(
             "command": work.command,
         }
         # The cells are filled: without the calibrations less is sent to each process.
-        training_dataset = replace(dataset, calibrations={})
+        training_dataset = dataset.for_training()
         for task in variant_tasks:
-            synthetic, values = filling_by_name[task.factors["training_set"]]
+            name = task.factors["training_set"]
             trainings.append(
                 _Training(
                     task,
                     plan,
                     training_dataset,
-                    synthetic,
-                    values,
+                    synthetic_by_name[name],
+                    fillings[name][1],
                     facts,
                     work.out,
                     keep_models,

@@ -110,6 +110,15 @@ class Scenario:
     at all pressures, and the law of the recess on training recordings of the recess.
     """
 
+    training_recordings: int | None = None
+    """Training recordings of each cell of a training specimen, which then has one reference of each
+    healthy cell as well, as the held-out ones have; None takes two thirds, and no reference.
+    """
+    with_reference: bool = False
+    """Whether windows are compared with a healthy recording of their specimen, or synthetic ones
+    with healthy windows of the same twin (`relative_to_healthy`).
+    """
+
     def __post_init__(self) -> None:
         unknown = [name for name in self.scarce if name not in self.faults]
         if unknown:
@@ -135,6 +144,13 @@ class Scenario:
         # A changed parameter set may keep its name.
         pump_sha256 = hashlib.sha256(repr(self.pump).encode()).hexdigest()
 
+        # Runs from before these settings existed keep their key.
+        later_settings: dict[str, Any] = {}
+        if self.training_recordings is not None:
+            later_settings["training_recordings"] = self.training_recordings
+        if self.with_reference:
+            later_settings["with_reference"] = True
+
         return {
             "scarce": list(self.scarce),
             "pressure_Pa": self.pressure,
@@ -151,6 +167,7 @@ class Scenario:
             "nuisances": _describe_settings(self.nuisances),
             "calibrated_on": self.calibrated_on,
             "class_windows": self.class_windows,
+            **later_settings,
         }
 
 
@@ -176,11 +193,11 @@ class ScenarioSplit:
     scarce: Mapping[str, tuple[str, ...]]
     """By scarce class, the recordings that may provide its few windows, in order of use."""
     references: frozenset[str]
-    """Healthy recordings of the held-out specimens: what such a machine has from its first days.
+    """Healthy recordings that are neither trained nor tested on: what a machine has from its first
+    days.
 
-    They are never tested on, so that a classifier that compares with them is tested on the same
-    windows as one that does not. No classifier of the studies compares: it gained nothing on the
-    fleets on which it was tried (docs/explanation/networks.md).
+    The held-out specimens have them always, so that a classifier that compares with them
+    (`Scenario.with_reference`) is tested on the same windows as one that does not.
     """
     tests: Mapping[str, frozenset[str]]
     """Recordings of each test by split."""
@@ -190,7 +207,8 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
     """Return which recordings train, which are references and which test, under `seed`.
 
     A third of the recordings of each training specimen, class and pressure (at least one) are test
-    recordings, the others training recordings. The held-out specimens are drawn first; one
+    recordings, the others training recordings, unless the scenario sets their number. The held-out
+    specimens are drawn first; one
     recording of each of their healthy cells is a reference, unless it is the only one to test on.
 
     Raises
@@ -221,8 +239,12 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
             continue
 
         n_training = _count_training(shuffled, scenario)
+        n_references = 0
+        if scenario.training_recordings is not None and cell[0].label == "normal":
+            n_references = 1
+        references.update(ids[n_training : n_training + n_references])
         if is_tested:
-            tests[familiar].update(ids[n_training:])
+            tests[familiar].update(ids[n_training + n_references :])
         if scenario.is_scarce(cell[0]):
             lenders_by_class[str(cell[0].label)].append(ids[:n_training])
         else:
@@ -261,6 +283,16 @@ def _draw_held_out(
 
 def _count_training(cell: Sequence[Recording], scenario: Scenario) -> int:
     """Return the number of training recordings in a cell of a training specimen."""
+    if scenario.training_recordings is not None:
+        # One more is a reference, and one is tested.
+        min_recordings = scenario.training_recordings + 2
+        if len(cell) < min_recordings:
+            raise DataError(
+                f"The study needs {min_recordings} recordings of {cell[0].label} of specimen "
+                f"{cell[0].specimen} at each pressure; there are {len(cell)}."
+            )
+        return scenario.training_recordings
+
     if len(cell) > 1:
         return len(cell) - max(1, len(cell) // 3)
 

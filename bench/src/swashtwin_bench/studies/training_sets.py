@@ -28,9 +28,11 @@ from swashtwin_bench.studies.ceilings import (
     TRUE_VALUES,
     build_true_twins,
     record_perfect_windows,
+    specimen_of,
     without_gain,
 )
 from swashtwin_bench.studies.dataset import StudyDataset
+from swashtwin_bench.studies.healthy_reference import relative_to_healthy
 
 CALIBRATED_TWINS = ("calibrated", "posterior", "law")
 """Sources of calibrated twins: as calibrated, drawn from the posterior, with calibrated law."""
@@ -49,7 +51,7 @@ This assumes knowledge of many of its pumps.
 
 
 # Settings of a training set that stand in the key of a run only if they are not the default.
-_LATER_SETTINGS = ("every_pressure", "assemblies", "as_many_as_measured")
+_LATER_SETTINGS = ("every_pressure", "assemblies", "as_many_as_measured", "own_noise")
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,11 @@ class TrainingSet:
     as_many_as_measured: bool = False
     """Fill all cells together with as many windows as are measured, not with
     `Scenario.synthetic` each, so that both kinds weigh alike.
+    """
+
+    own_noise: bool = False
+    """Lay windows of a calibrated twin or a ceiling over the noise of its own pump, with its gains,
+    as `synthesize` does; not over those of all training pumps together.
     """
 
     def __post_init__(self) -> None:
@@ -168,6 +175,22 @@ def fill_cells(
     return synthetic, {"discriminator": auroc}
 
 
+def for_training(
+    dataset: StudyDataset, training_set: TrainingSet, synthetic: WindowSet
+) -> WindowSet:
+    """Return synthetic windows as classifiers see them.
+
+    If the scenario has a reference, they are relative to healthy windows of the same twin.
+    """
+    if not dataset.scenario.with_reference:
+        return synthetic
+
+    healthy = synthetic.subset(synthetic.label == "normal")
+    if not len(healthy):
+        healthy = synthesize_for(dataset, training_set, labels=("normal",))
+    return relative_to_healthy(synthetic, healthy)
+
+
 def synthetic_auroc(dataset: StudyDataset, synthetic: WindowSet) -> float:
     """Return the AUROC of trees that separate measured from synthetic windows of the filled cells.
 
@@ -189,15 +212,22 @@ def synthetic_auroc(dataset: StudyDataset, synthetic: WindowSet) -> float:
     return discriminative_score(measured, synthetic, seed=dataset.seed)
 
 
-def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSet:
-    """Return the synthetic windows that a training set adds; none if it has no source."""
+def synthesize_for(
+    dataset: StudyDataset, training_set: TrainingSet, labels: Sequence[str] | None = None
+) -> WindowSet:
+    """Return the synthetic windows that a training set adds; none if it has no source.
+
+    Parameters
+    ----------
+    labels : classes to fill, by default those of the training set.
+    """
     measured = dataset.measured
     scenario = dataset.scenario
     synthetic = measured.subset(np.zeros(len(measured), dtype=bool))
     if training_set.source is None or scenario.synthetic == 0:
         return synthetic
 
-    cells = list(_filled_cells(dataset, training_set))
+    cells = list(_filled_cells(dataset, training_set, labels))
     count = scenario.synthetic
     if training_set.as_many_as_measured:
         count = max(1, len(measured) // len(cells))
@@ -212,7 +242,9 @@ def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSe
     return synthetic
 
 
-def _filled_cells(dataset: StudyDataset, training_set: TrainingSet) -> Iterator[tuple[str, float]]:
+def _filled_cells(
+    dataset: StudyDataset, training_set: TrainingSet, labels: Sequence[str] | None
+) -> Iterator[tuple[str, float]]:
     """Yield class and pressure [Pa] of each cell that a training set fills."""
     scenario = dataset.scenario
     pressures = [scenario.pressure]
@@ -221,7 +253,8 @@ def _filled_cells(dataset: StudyDataset, training_set: TrainingSet) -> Iterator[
             if not values_match(pressure, scenario.pressure, PRESSURE_TOLERANCE):
                 pressures.append(pressure)
 
-    labels = dataset.measured.classes if training_set.every_class else scenario.scarce
+    if labels is None:
+        labels = dataset.measured.classes if training_set.every_class else scenario.scarce
     yield from product(labels, pressures)
 
 
@@ -247,9 +280,13 @@ def _fill_cell(
             count=count,
             assemblies=training_set.assemblies or count,
             seed=seed,
+            own_noise=training_set.own_noise,
         )
 
     twins, posteriors, laws = build_twins(dataset, source, label, pressure)
+    specimens = None
+    if training_set.own_noise:
+        specimens = [specimen_of(twin) for twin in twins]
     variation = training_set.variation
     if training_set.assemblies is not None:
         # The operating point differs from window to window, the pump and its fault do not.
@@ -268,6 +305,7 @@ def _fill_cell(
         variation=variation,
         posterior=posteriors,
         law=laws,
+        specimens=specimens,
     )
 
 

@@ -1,0 +1,417 @@
+"""The results of the second fair test, recomputed from the runs in bench/evidence.
+
+    python -m swashtwin_bench.fair_test collect FOLDER ...    writes bench/evidence/fair-test-2.csv
+    python -m swashtwin_bench.fair_test page                  writes docs/bench/fair-test-2.md
+
+``collect`` reads the runs in the folders in which the study was run. ``page`` replaces what stands
+below the marker of the page; what stands above it was fixed before any fleet was scored.
+"""
+
+import argparse
+import csv
+import json
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+from swashtwin.foundation import InputError, random_stream
+from swashtwin_bench.evidence import FOLDER, PAGE
+from swashtwin_bench.results.naming import format_factor
+from swashtwin_bench.results.runs import Run
+from swashtwin_bench.results.table import paired_interval
+
+STUDY = "fair-test-2"
+RUNS = FOLDER / f"{STUDY}.csv"
+TEST_PAGE = PAGE.with_name(f"{STUDY}.md")
+
+MARKER = "<!-- Made by `python -m swashtwin_bench.fair_test page` from here on. -->\n"
+"""Line of the page below which the results stand."""
+
+SPREADS = {"1": "usual", "1-wide": "wide"}
+"""Spread of the pumps by version of the rig."""
+
+RELEVANT_DIFFERENCE = 0.05
+"""Accuracy below which a gain is of no practical use, as in the first fair test."""
+
+ERROR_RATE = 0.05
+"""Family-wise rate of errors of the secondary contrasts."""
+
+BOOTSTRAP_DRAWS = 2000
+
+NEW_PUMPS = "L4"
+"""Split whose test pumps were not trained on."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """Recordings of a test that a classifier named right."""
+
+    spread: str
+    fleet: int
+    reference: str
+    classifier: str
+    training_set: str
+    split: str
+    correct: tuple[int, ...]
+    """Recordings named right of each tested pump."""
+    total: tuple[int, ...]
+    """Tested recordings of each pump."""
+    scarce_recall: float
+    """Recall of windows of the class that was not measured at this pressure."""
+    run: str
+    """Key of the run, which a hash of its settings and data is part of."""
+
+    @property
+    def accuracy(self) -> float:
+        """Share of the recordings that were named right."""
+        return sum(self.correct) / sum(self.total)
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """Difference in accuracy between two training sets, all else equal."""
+
+    first: str
+    second: str
+    spread: str
+    reference: str
+    classifier: str
+    split: str = NEW_PUMPS
+
+    def differences(self, scores: Iterable[Score]) -> list[float]:
+        """Return first less second in each fleet that has both, in the order of the fleets."""
+        accuracy: dict[tuple[str, int], float] = {}
+        for score in scores:
+            place = (score.spread, score.reference, score.classifier, score.split)
+            if place == (self.spread, self.reference, self.classifier, self.split):
+                accuracy[score.training_set, score.fleet] = score.accuracy
+
+        fleets = sorted(fleet for name, fleet in accuracy if name == self.first)
+        return [
+            accuracy[self.first, fleet] - accuracy[self.second, fleet]
+            for fleet in fleets
+            if (self.second, fleet) in accuracy
+        ]
+
+
+PRIMARY = (
+    Contrast("law_every_class", "no_gain_every_class", "wide", "without", "extra_trees", "L2"),
+    Contrast("nominal_every_class", "nominal", "usual", "with", "chosen"),
+)
+"""The two primary contrasts, in the order of the page."""
+
+SECONDARY_PAIRS = (
+    ("law_every_class", "no_gain_every_class"),
+    ("law_every_class", "nominal_every_class"),
+    ("law_every_class", "calibrated_every_class"),
+    ("ceiling_true_every_class", "nominal_every_class"),
+    ("ceiling_perfect_every_class", "nominal_every_class"),
+    ("nominal_every_class", "nominal"),
+    ("nominal_every_class", "measured"),
+)
+"""Pairs of training sets that are compared for every spread, regime, classifier and test."""
+
+
+def collect_runs(folders: Sequence[Path]) -> list[Score]:
+    """Return the scores of all runs of the study in some folders, each run once.
+
+    Raises
+    ------
+    InputError
+        A folder has no run of the study.
+    """
+    scores: dict[tuple[str, str], Score] = {}
+    for folder in folders:
+        files = sorted(folder.glob(f"{STUDY}/*/result.json"))
+        if not files:
+            raise InputError(f"{folder} has no run of {STUDY}.")
+
+        for file in files:
+            run = json.loads(file.read_text(encoding="utf-8"))
+            for score in _scores_of(run):
+                scores[score.run, score.split] = score
+
+    return sorted(scores.values(), key=lambda score: (score.run, score.split))
+
+
+def _scores_of(run: Run) -> Iterator[Score]:
+    version = run["origin"].partition("version ")[2].partition(":")[0]
+    for row in run["rows"]:
+        counts = list(row["correct_recordings"].values())
+        yield Score(
+            spread=SPREADS[version],
+            fleet=run["seed"],
+            reference=run["factors"]["reference"],
+            classifier=run["factors"]["classifier"],
+            training_set=run["factors"]["training_set"],
+            split=row["split"],
+            correct=tuple(count[0] for count in counts),
+            total=tuple(count[1] for count in counts),
+            scarce_recall=row["scarce_recall"],
+            run=run["key"],
+        )
+
+
+def write_scores(scores: Sequence[Score], path: Path = RUNS) -> None:
+    """Write scores as a table, a line for each test of a run."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(
+            file, [column.name for column in fields(Score)], lineterminator="\n"
+        )
+        writer.writeheader()
+        for score in scores:
+            texts = {
+                "correct": " ".join(map(str, score.correct)),
+                "total": " ".join(map(str, score.total)),
+                "scarce_recall": f"{score.scarce_recall:.4f}",
+            }
+            writer.writerow({**asdict(score), **texts})
+
+
+def load_scores(path: Path = RUNS) -> list[Score]:
+    """Return the scores of a table, none if there is no such file."""
+    if not path.is_file():
+        return []
+
+    scores = []
+    with path.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            score = Score(
+                spread=row["spread"],
+                fleet=int(row["fleet"]),
+                reference=row["reference"],
+                classifier=row["classifier"],
+                training_set=row["training_set"],
+                split=row["split"],
+                correct=tuple(map(int, row["correct"].split())),
+                total=tuple(map(int, row["total"].split())),
+                scarce_recall=float(row["scarce_recall"]),
+                run=row["run"],
+            )
+            scores.append(score)
+    return scores
+
+
+def pump_interval(scores: Sequence[Score]) -> tuple[float, float]:
+    """Return the 95 % interval of the accuracy by bootstrap over fleets and their pumps.
+
+    Recordings of a pump are no independent trials, and neither are pumps tested by one training.
+    """
+    correct = np.array([score.correct for score in scores])
+    total = np.array([score.total for score in scores])
+    n_fleets, n_pumps = total.shape
+
+    rng = random_stream(0, "pumps of fair test 2")
+    fleet = rng.integers(n_fleets, size=(BOOTSTRAP_DRAWS, n_fleets, 1))
+    pump = rng.integers(n_pumps, size=(BOOTSTRAP_DRAWS, n_fleets, n_pumps))
+    draws = correct[fleet, pump].sum(axis=(1, 2)) / total[fleet, pump].sum(axis=(1, 2))
+
+    low, high = np.percentile(draws, [2.5, 97.5])
+    return float(low), float(high)
+
+
+def holm(p_values: Sequence[float]) -> Float[np.ndarray, " test"]:
+    """Return Holm's adjusted p-values (1979), which control the family-wise error rate.
+
+    Examples
+    --------
+    >>> holm([0.01, 0.04, 0.03]).round(3).tolist()
+    [0.03, 0.06, 0.06]
+    """
+    values = np.asarray(p_values, dtype=float)
+    order = np.argsort(values)
+    factors = len(values) - np.arange(len(values))
+    adjusted = np.empty_like(values)
+    adjusted[order] = np.minimum(np.maximum.accumulate(factors * values[order]), 1.0)
+    return adjusted
+
+
+def describe_primary(contrast: Contrast, scores: Iterable[Score]) -> str:
+    """Return the result of a primary contrast as a sentence."""
+    differences = contrast.differences(scores)
+    name = _name_pair(contrast.first, contrast.second)
+    if len(differences) < 2:
+        return f"{name}: not yet run."
+
+    low, high = paired_interval(differences)
+    if low > 0:
+        verdict = "shown"
+    elif high < RELEVANT_DIFFERENCE:
+        verdict = "refuted for practical purposes"
+    else:
+        verdict = "neither shown nor refuted"
+    return (
+        f"{name}: **{_format_points(differences)}, {verdict}** (n = {len(differences)} fleets, "
+        f"standard deviation of the differences {100 * np.std(differences, ddof=1):.1f} points)."
+    )
+
+
+def build_results(scores: Sequence[Score]) -> str:
+    """Return what stands below the marker of the page."""
+    lines = ["", "## Result"]
+    if not scores:
+        return "\n".join([*lines, "No reporting fleet has been scored yet.", ""])
+
+    for number, contrast in enumerate(PRIMARY, 1):
+        lines.append(f"{number}. {describe_primary(contrast, scores)}")
+    lines += ["", *_tabulate_accuracies(scores), "", *_tabulate_secondary(scores), ""]
+    return "\n".join(lines)
+
+
+def _tabulate_accuracies(scores: Sequence[Score]) -> list[str]:
+    """Return the accuracy on new pumps by spread, regime and classifier (rows), and training set.
+
+    The interval is that of `pump_interval`; after it stands the accuracy on trained pumps.
+    """
+    sets = list(dict.fromkeys(name for pair in SECONDARY_PAIRS for name in reversed(pair)))
+    lines = [
+        "Accuracy by recording on new pumps (95 % interval by bootstrap over fleets and pumps); on "
+        "trained pumps:",
+        "",
+        "|spread, reference, classifier|" + "|".join(map(_name_set, sets)) + "|",
+        "|" + "---|" * (len(sets) + 1),
+    ]
+    for place in _places(scores):
+        cells = []
+        for name in sets:
+            new, trained = (
+                [
+                    score
+                    for score in scores
+                    if _place_of(score) == place
+                    and (score.training_set, score.split) == (name, split)
+                ]
+                for split in (NEW_PUMPS, "L2")
+            )
+            cells.append(_format_accuracy(new, trained))
+        lines.append("|" + "|".join([_name_place(place), *cells]) + "|")
+    return lines
+
+
+def _format_accuracy(new: Sequence[Score], trained: Sequence[Score]) -> str:
+    if not new:
+        return "-"
+    low, high = pump_interval(new)
+    accuracy = np.mean([score.accuracy for score in new])
+    text = f"{accuracy:.3f} ({low:.2f}…{high:.2f})"
+    if not trained:
+        return text
+    return f"{text}; {np.mean([score.accuracy for score in trained]):.3f}"
+
+
+def _tabulate_secondary(scores: Sequence[Score]) -> list[str]:
+    """Return the secondary contrasts, bold if significant after Holm's correction over all."""
+    contrasts = []
+    for (spread, reference, classifier), split, (first, second) in product(
+        _places(scores), (NEW_PUMPS, "L2"), SECONDARY_PAIRS
+    ):
+        contrast = Contrast(first, second, spread, reference, classifier, split)
+        if contrast not in PRIMARY and len(contrast.differences(scores)) > 1:
+            contrasts.append(contrast)
+
+    differences = [contrast.differences(scores) for contrast in contrasts]
+    adjusted = holm([_p_value(values) for values in differences])
+    cells = {}
+    for contrast, values, p_value in zip(contrasts, differences, adjusted, strict=True):
+        text = _format_points(values)
+        cells[contrast] = f"**{text}**" if p_value < ERROR_RATE else text
+
+    lines = [
+        f"Differences in points, paired by fleet (95 %), secondary: bold after Holm's correction "
+        f"over all {len(contrasts)}; on new pumps, then on trained ones:",
+        "",
+        "|spread, reference, classifier|"
+        + "|".join(_name_pair(*pair) for pair in SECONDARY_PAIRS)
+        + "|",
+        "|" + "---|" * (len(SECONDARY_PAIRS) + 1),
+    ]
+    for place in _places(scores):
+        row = [_name_place(place)]
+        for first, second in SECONDARY_PAIRS:
+            both = [Contrast(first, second, *place, split) for split in (NEW_PUMPS, "L2")]
+            texts = [
+                "primary" if contrast in PRIMARY else cells.get(contrast, "-") for contrast in both
+            ]
+            row.append("; ".join(texts))
+        lines.append("|" + "|".join(row) + "|")
+    return lines
+
+
+def _p_value(differences: Sequence[float]) -> float:
+    """Return the two-sided p-value of a mean difference of 0; 1 if all differences are equal."""
+    if np.ptp(differences) == 0:
+        return 1.0
+
+    n_pairs = len(differences)
+    statistic = np.mean(differences) / (np.std(differences, ddof=1) / math.sqrt(n_pairs))
+    return float(2 * stats.t.sf(abs(statistic), n_pairs - 1))
+
+
+def _place_of(score: Score) -> tuple[str, str, str]:
+    return score.spread, score.reference, score.classifier
+
+
+def _places(scores: Iterable[Score]) -> list[tuple[str, str, str]]:
+    return sorted({_place_of(score) for score in scores})
+
+
+def _name_place(place: tuple[str, str, str]) -> str:
+    spread, reference, classifier = place
+    return f"{spread}, {reference}, {format_factor('classifier', classifier)}"
+
+
+def _name_set(name: str) -> str:
+    """Return the short name of a training set: they fill every class but one."""
+    if name == "nominal":
+        return "nominal, cell alone"
+    return name.removesuffix("_every_class").replace("_", " ")
+
+
+def _name_pair(first: str, second: str) -> str:
+    return f"{_name_set(first)} minus {_name_set(second)}"
+
+
+def _format_points(differences: Sequence[float]) -> str:
+    low, high = (100 * limit for limit in paired_interval(differences))
+    return f"{100 * np.mean(differences):+.1f} ({low:+.1f}…{high:+.1f})"
+
+
+def build_page(page: str, scores: Sequence[Score]) -> str:
+    """Return the page with the results of these scores.
+
+    Raises
+    ------
+    InputError
+        The page has no marker.
+    """
+    fixed, marker, _ = page.partition(MARKER)
+    if not marker:
+        raise InputError(f"The page has no line {MARKER.strip()!r}.")
+    return fixed + marker + build_results(scores)
+
+
+def main() -> None:
+    """Collect the runs, or write the page."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    actions = parser.add_subparsers(dest="action", required=True)
+    actions.add_parser("page", help="write the page")
+    collect = actions.add_parser("collect", help="write the table of all runs")
+    collect.add_argument("folders", type=Path, nargs="+", help="folders of the study")
+
+    options = parser.parse_args()
+    if options.action == "collect":
+        write_scores(collect_runs(options.folders))
+    page = TEST_PAGE.read_text(encoding="utf-8")
+    TEST_PAGE.write_text(build_page(page, load_scores()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

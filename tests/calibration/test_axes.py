@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from twin_recordings import recording_of
+from twin_recordings import DAMPER, recording_of
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, load_calibration
 from swashtwin.foundation import MPa
-from swashtwin.physics import Twin
+from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
 
 MIXING = np.array([[1.1, 0.1, -0.15], [0.2, 0.9, 0.05], [-0.1, 0.1, 1.1]])
@@ -86,3 +86,19 @@ def test_a_saved_calibration_keeps_the_sensor_path(
     loaded = load_calibration(calibration.save(tmp_path / "calibration.json"))
     assert loaded.twin.path == calibration.twin.path
     assert torch.equal(loaded.twin.acceleration(), calibration.twin.acceleration())
+
+
+FAR_MOUNT = {"mount_x": 1.9, "mount_y": 1.6, "mount_z": 0.7, "mount_tilt": 0.55}
+FAR_BEARINGS = {"bearing_1": 0.75, "bearing_2": 1.0, "bearing_3": 0.4}
+
+
+def test_a_mounting_far_from_the_drawing_strains_no_default_prior(twin: Twin) -> None:
+    machine = replace(twin, scales=Scales(**FAR_MOUNT, **FAR_BEARINGS))
+
+    result = calibrate(twin, [recording_of(machine)], explain_misfit=False)
+
+    assert not result.is_in_doubt
+    assert "identified" in [estimate.verdict for estimate in result.estimates]
+    truth = twin.values.numpy() * DAMPER
+    for estimate, value in zip(result.estimates, truth.tolist(), strict=True):
+        assert estimate.interval[0] <= value <= estimate.interval[1], estimate.symbol

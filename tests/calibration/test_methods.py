@@ -1,5 +1,7 @@
 """The search methods: all minimize the same loss, are reproducible, and leave no trace."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -14,7 +16,8 @@ from swashtwin.calibration import (
     build_objective,
     measure,
 )
-from swashtwin.physics import Twin
+from swashtwin.calibration.search import EXPECTED_LOSS
+from swashtwin.physics import Scales, Twin
 
 QUICK: dict[str, Calibrator] = {
     "gauss_newton": GaussNewton(starts=2),
@@ -97,3 +100,27 @@ def test_the_papers_recipe_has_a_prior_on_further_constants(
 ) -> None:
     history = IPINN(epochs=8).search(objective_with_constants, seed=0).history
     assert history.prior_loss[-1] > 0
+
+
+def test_further_starts_find_the_valley_that_the_nominal_values_miss(twin: Twin) -> None:
+    stiff = recording_of(replace(twin, scales=Scales(mount=1.8)))
+    objective = build_objective(twin, measure(twin, [stiff]), None, Nuisances(mount=0.4))
+
+    def stiffness_found(starts: int) -> tuple[float, float]:
+        search = GaussNewton(starts=starts).search(objective, seed=0)
+        factor = np.exp(search.point[objective.unknowns.scale_index("mount")])
+        return float(factor), search.history.min_loss
+
+    factor, loss = stiffness_found(starts=1)
+    assert factor != pytest.approx(1.8, rel=0.1)
+    assert loss > EXPECTED_LOSS
+
+    factor, loss = stiffness_found(starts=4)
+    assert factor == pytest.approx(1.8, rel=0.05)
+    assert loss < EXPECTED_LOSS
+
+
+def test_a_start_that_meets_the_lines_is_the_only_one(objective: Objective) -> None:
+    several = GaussNewton(starts=4).search(objective, seed=0)
+    assert several.history.min_loss < EXPECTED_LOSS
+    assert several.simulations == GaussNewton(starts=1).search(objective, seed=0).simulations

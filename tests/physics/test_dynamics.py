@@ -229,7 +229,7 @@ def test_the_off_axis_force_does_no_work_on_rigid_motions(pump: Pump, topology: 
     assert np.abs(work).max() < 1e-15
 
 
-def test_a_factor_on_a_support_is_the_same_factor_in_the_pump_file(pump: Pump) -> None:
+def test_factors_on_supports_are_the_same_factors_in_the_pump_file(pump: Pump) -> None:
     values = torch.tensor(pump.interfaces.values(), dtype=torch.float64)
     factors = torch.tensor([1.2, 0.8, 1.1, 0.9, 1.3, 0.7, 1.0], dtype=torch.float64)
     x, y, z, tilt, first, second, _ = factors.tolist()
@@ -243,14 +243,34 @@ def test_a_factor_on_a_support_is_the_same_factor_in_the_pump_file(pump: Pump) -
     )
     k_1, k_2, k_3 = pump.bearings.stiffnesses
     bearings = replace(pump.bearings, stiffnesses=(first * k_1, second * k_2, k_3))
-    changed = replace(pump, mount=mount, bearings=bearings)
+    structure = assemble(pump)
+    changed = assemble(replace(pump, mount=mount, bearings=bearings))
 
-    scaled = assemble(pump).stiffness(values, parts=factors)
-    torch.testing.assert_close(scaled, assemble(changed).stiffness(values), rtol=1e-12, atol=1e-6)
+    torch.testing.assert_close(
+        structure.stiffness(values, parts=factors), changed.stiffness(values), rtol=1e-12, atol=1e-6
+    )
+    # the pump file specifies a damping ratio and a damping time, not dampings
+    torch.testing.assert_close(
+        structure.damping(values, parts=factors), changed.damping(values), rtol=1e-12, atol=1e-9
+    )
+
+
+def test_the_damping_follows_a_factor_on_the_whole_mounting(pump: Pump) -> None:
+    structure = assemble(pump)
+    values = torch.tensor(pump.interfaces.values(), dtype=torch.float64)
+    ones = torch.ones(7, dtype=torch.float64)
+    batch = torch.tensor([1.0, 4.0], dtype=torch.float64)
+
+    damping = structure.damping(values.expand(2, 6), batch, 1.0, ones)
+
+    assert torch.equal(damping[0], structure.damping(values))
+    added = structure.damping_parts[:4].sum(dim=0)
+    torch.testing.assert_close(damping[1] - damping[0], added, rtol=1e-12, atol=1e-9)
 
 
 def test_support_factors_of_one_change_no_bit(pump: Pump) -> None:
     structure = assemble(pump)
     values = torch.tensor(pump.interfaces.values(), dtype=torch.float64)
-    scaled = structure.stiffness(values, parts=torch.ones(7))
-    assert torch.equal(scaled, structure.stiffness(values))
+    ones = torch.ones(7)
+    assert torch.equal(structure.stiffness(values, parts=ones), structure.stiffness(values))
+    assert torch.equal(structure.damping(values, parts=ones), structure.damping(values))

@@ -84,6 +84,8 @@ class Structure:
     """Stiffness of the central spring [N/m]."""
     fixed_damping: Float[Tensor, "13 13"]
     """Damping of mounting and bearings [N s/m]."""
+    damping_parts: Float[Tensor, "7 13 13"]
+    """Parts of that damping, in the order of `support_parts` [N s/m]."""
     slipper_vector: Float[Tensor, " 13"]
     """Coefficients g0 of the slippers' mean normal approach to the swash plate; forces of a defect
     act along it.
@@ -127,9 +129,39 @@ class Structure:
             + _column(bearing) * (bearings * self.support_parts[4:]).sum(dim=-3)
         )
 
-    def damping(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 13 13"]:
-        """Return C [N s/m] for interface `values` in the order of `pump.PARAMETERS`."""
-        return self._interfaces(values[..., Value.SLIPPER_SWASH_DAMPING :: 2]) + self.fixed_damping
+    def damping(
+        self,
+        values: Float[Tensor, "*batch 6"],
+        mount: Float[Tensor, "*#batch"] | float = 1.0,
+        bearing: Float[Tensor, "*#batch"] | float = 1.0,
+        parts: Float[Tensor, "*#batch 7"] | None = None,
+    ) -> Float[Tensor, "*batch 13 13"]:
+        """Return C [N s/m] for interface `values` in the order of `pump.PARAMETERS`.
+
+        The damping of mounting and bearings follows their stiffness as in the pump file: at the
+        mounting's damping ratio with the root of its stiffness, at the bearings' damping time in
+        proportion to theirs.
+
+        Parameters
+        ----------
+        mount, bearing, parts : factors on the stiffness; see `stiffness`. None for `parts` leaves
+            the damping as in the pump file.
+        """
+        damping = (
+            self._interfaces(values[..., Value.SLIPPER_SWASH_DAMPING :: 2]) + self.fixed_damping
+        )
+        if parts is None:
+            return damping
+
+        # Added as changes, so that factors of 1 leave the bits of the sum above.
+        mounts, bearings = parts.split((4, 3), dim=-1)
+        mount_changes = (_row(mount) * mounts).sqrt() - 1
+        bearing_changes = _row(bearing) * bearings - 1
+        return (
+            damping
+            + (mount_changes[..., None, None] * self.damping_parts[:4]).sum(dim=-3)
+            + (bearing_changes[..., None, None] * self.damping_parts[4:]).sum(dim=-3)
+        )
 
     def _interfaces(self, factors: Tensor) -> Tensor:
         """Return the sum of the interfaces' shapes, each times its factor."""
@@ -148,6 +180,11 @@ class Structure:
 def _column(factor: Tensor | float) -> Tensor | float:
     """Return a factor of each of the batch in the shape in which it multiplies matrices."""
     return factor[..., None, None] if isinstance(factor, Tensor) else factor
+
+
+def _row(factor: Tensor | float) -> Tensor | float:
+    """Return a factor of each of the batch in the shape in which it multiplies rows."""
+    return factor[..., None] if isinstance(factor, Tensor) else factor
 
 
 def cast_like(
@@ -260,7 +297,7 @@ def piston_bore_shape(pump: Pump, angle: float = 0.0) -> np.ndarray:
 
 
 def _mount(pump: Pump) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mounting's stiffness parts (4, 13, 13), and its damping (13, 13).
+    """Return the mounting's parts of stiffness and of damping, (4, 13, 13) each.
 
     The parts act along x, y and z, and in tilt.
     """
@@ -271,17 +308,17 @@ def _mount(pump: Pump) -> tuple[np.ndarray, np.ndarray]:
     inertia = masses.shell_inertia + masses.shell * arm**2
 
     parts = np.zeros((4, N_DOF, N_DOF))
-    damping = np.zeros((N_DOF, N_DOF))
+    damping = np.zeros((4, N_DOF, N_DOF))
     point = np.array([0.0, 0.0, pump.positions.mount])
     stiffnesses = (mount.stiffness_x, mount.stiffness_y, mount.stiffness_z)
-    for part, axis, value in zip(parts[:3], _AXES, stiffnesses, strict=True):
+    for index, (axis, value) in enumerate(zip(_AXES, stiffnesses, strict=True)):
         row = _between(pump, axis, "F", None, point)
-        part += value * np.outer(row, row)
-        damping += 2 * mount.damping_ratio * math.sqrt(value * total) * np.outer(row, row)
+        parts[index] += value * np.outer(row, row)
+        damping[index] += 2 * mount.damping_ratio * math.sqrt(value * total) * np.outer(row, row)
 
     for rotation in (Dof.SHELL_TILT_X, Dof.SHELL_TILT_Y):
         parts[3, rotation, rotation] += mount.stiffness_tilt
-        damping[rotation, rotation] += (
+        damping[3, rotation, rotation] += (
             2 * mount.damping_ratio * math.sqrt(mount.stiffness_tilt * inertia)
         )
     return parts, damping
@@ -348,7 +385,12 @@ def assemble(pump: Pump, topology: str = "T1") -> Structure:
         bearing_stiffness=tensor(bearing_stiffness),
         support_parts=tensor(np.concatenate([mounts, bearings])),
         spring_stiffness=tensor(pump.coupling.spring_stiffness * np.outer(spring, spring)),
-        fixed_damping=tensor(mount_damping + pump.bearings.damping_time * bearing_stiffness),
+        fixed_damping=tensor(
+            mount_damping.sum(axis=0) + pump.bearings.damping_time * bearing_stiffness
+        ),
+        damping_parts=tensor(
+            np.concatenate([mount_damping, pump.bearings.damping_time * bearings])
+        ),
         slipper_vector=tensor(slipper_vector),
         lateral_vector=tensor(_between(pump, _AXES[1], "P", "C", np.zeros(3))),
         sensor_rows=tensor(np.stack(rows)),

@@ -300,7 +300,7 @@ def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -
         force = force + drive.action.forces(worn_values, structure.slipper_vector, excitation)
     force = force.expand(len(values), -1, -1)
     stiffness = structure.stiffness(worn_values, mount, bearing, scales[..., SUPPORTS])
-    damping = structure.damping(worn_values)
+    damping = structure.damping(worn_values, mount, bearing, scales[..., SUPPORTS])
 
     if drive.turning is None:
         motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)

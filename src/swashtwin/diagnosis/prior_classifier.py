@@ -18,12 +18,16 @@ from jaxtyping import Bool, Float, Float64, Int, Int64, Shaped
 from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
 from swashtwin.diagnosis.changed_sensors import HealthyComparison, describe_mismatch
 from swashtwin.diagnosis.prior_head import (
+    FEW_SHOT_WEIGHT,
     MIN_LINE_CHANGE,
     UNKNOWN_RATE,
+    MeasuredChanges,
     PriorHead,
     VirtualChanges,
     compute_order_spectrum,
     fit_head,
+    join_measured,
+    machine_scatter,
     order_band_powers,
 )
 from swashtwin.diagnosis.recording_arguments import (
@@ -197,6 +201,22 @@ class PriorClassifier:
             lies outside the prior's range, the prior does not know a class, a recording cannot be
             used, or the classifier is adapted already.
         """
+        prior, changes, fault_classes = self.compare_with(recordings, pistons, fault_of)
+        return prior.fit_band_powers(changes, fault_classes, seed=seed)
+
+    def compare_with(
+        self,
+        recordings: Sequence[Recording],
+        pistons: int | None = None,
+        fault_of: Mapping[str, str] | None = None,
+    ) -> "tuple[PriorClassifier, list[Float64[np.ndarray, 'channel level']], list[str]]":
+        """Return the prior with a machine's healthy recordings, and its changes by faults.
+
+        The prior is not trained for the machine yet (`fit_band_powers`). The changes are those of
+        measured faults, if there are any, with the class of each.
+
+        Parameters and errors: see `fit`.
+        """
         recordings = require_recordings(recordings)
         healthy = [recording for recording in recordings if not _is_faulty(recording)]
         faulty = [recording for recording in recordings if _is_faulty(recording)]
@@ -230,8 +250,7 @@ class PriorClassifier:
             },
             manifest=join_manifests([self.manifest, build_manifest(recordings)]),
         )
-        changes = [adapted.change(recording)[0] for recording in faulty]
-        return adapted.fit_band_powers(changes, fault_classes, seed=seed)
+        return adapted, [adapted.change(recording)[0] for recording in faulty], fault_classes
 
     def for_machine(
         self, channels: tuple[str, ...], unit: str, pistons: int | None = None
@@ -277,6 +296,7 @@ class PriorClassifier:
         changes: Sequence[Float64[np.ndarray, "channel level"]] = (),
         labels: Sequence[str] = (),
         *,
+        library: MeasuredChanges | None = None,
         seed: int = 0,
     ) -> "PriorClassifier":
         """Return the classifier of a machine, whose healthy `band_powers` the prior holds.
@@ -284,17 +304,22 @@ class PriorClassifier:
         Parameters
         ----------
         changes, labels : measured faults (`change`) and their classes.
+        library : changes of other machines (`weigh_library`).
         """
         assert self.virtual is not None
         is_measured = np.isfinite(self.band_powers).all(axis=0)
-        head = fit_head(
-            self.virtual.keep_measured(is_measured),
-            self.healthy_changes(),
-            self.bands,
-            np.array(changes).reshape(-1, *self.band_powers.shape[1:]),
-            np.array([self.classes.index(name) for name in labels], dtype=np.int64),
-            seed=seed,
+        virtual = self.virtual.keep_measured(is_measured)
+        healthy = self.healthy_changes()
+        scatter = machine_scatter(virtual, healthy)
+        measured = MeasuredChanges(
+            change=np.array(changes).reshape(-1, *self.band_powers.shape[1:]),
+            target=np.array([self.classes.index(name) for name in labels], dtype=np.int64),
+            scatter=np.tile(scatter, (len(labels), 1)),
+            weight=np.full(len(labels), FEW_SHOT_WEIGHT),
         )
+        if library is not None:
+            measured = join_measured([measured, library])
+        head = fit_head(virtual, healthy, self.bands, measured, seed=seed)
         return replace(self, virtual=None, head=head)
 
     def with_healthy(self, healthy: Sequence[Recording]) -> "PriorClassifier":

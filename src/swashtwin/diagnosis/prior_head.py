@@ -8,6 +8,7 @@ load: arXiv 2409.17735). Then a small network learns the classes of the virtual 
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,8 +52,8 @@ named: with less, most of the change is that of the noise floor."""
 FEW_SHOT_WEIGHT = 30.0
 """Weight of a measured fault; that of a virtual recording of a fault is 1."""
 
-# Weight of virtual recordings that are healthy or of an unknown fault.
-_BACKGROUND_WEIGHT = 0.5
+BACKGROUND_WEIGHT = 0.5
+"""Weight of virtual recordings that are healthy or of an unknown fault."""
 
 # Recordings for which the typical scatter of virtual pumps counts in a pump's scatter.
 _N_PRIOR_SCATTER = 6
@@ -197,6 +198,30 @@ class VirtualChanges:
 
 
 @dataclass(frozen=True, eq=False)
+class MeasuredChanges:
+    """Changes of measured recordings that a network learns from beside the virtual ones."""
+
+    change: Float64[np.ndarray, "row channel level"]
+    """Change of each recording."""
+    target: Int64[np.ndarray, " row"]
+    """Its class."""
+    scatter: Float64[np.ndarray, "row column"]
+    """Healthy scatter of its machine (`machine_scatter`)."""
+    weight: Float64[np.ndarray, " row"]
+    """How much it counts; a virtual recording of a fault counts 1."""
+
+
+def join_measured(parts: Sequence[MeasuredChanges]) -> MeasuredChanges:
+    """Return the rows of several parts."""
+    return MeasuredChanges(
+        change=np.concatenate([part.change for part in parts]),
+        target=np.concatenate([part.target for part in parts]),
+        scatter=np.concatenate([part.scatter for part in parts]),
+        weight=np.concatenate([part.weight for part in parts]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
 class PriorHead:
     """Network from changes of one machine to classes."""
 
@@ -240,6 +265,16 @@ class PriorHead:
         inputs = _network_inputs(_flatten(change), self.scale, self.direction, self.shrinkage)
         return self.answer_inputs(inputs)
 
+    def answer_machine(
+        self,
+        change: Float[np.ndarray, "row channel level"],
+        scatter: Float64[np.ndarray, " column"],
+    ) -> Float64[np.ndarray, "row class"]:
+        """Return the probability of each class for another machine, by its healthy scatter."""
+        scale = np.where(self.scale > 0, scatter, 0)
+        inputs = _network_inputs(_flatten(change), scale, self.direction, self.shrinkage)
+        return self.answer_inputs(inputs)
+
     def answer_inputs(
         self, inputs: Float[np.ndarray, "row column"]
     ) -> Float64[np.ndarray, "row class"]:
@@ -271,22 +306,21 @@ def fit_head(
     virtual: VirtualChanges,
     healthy: Float64[np.ndarray, "change channel level"],
     bands: OrderBands,
-    measured: Float64[np.ndarray, "fault channel level"],
-    target: Int64[np.ndarray, " fault"],
+    measured: MeasuredChanges,
     *,
     seed: int = 0,
 ) -> PriorHead:
-    """Train the head of a machine on virtual pumps, its healthy recordings and measured faults.
+    """Train the head of a machine on virtual pumps, its healthy recordings and measured ones.
 
     Parameters
     ----------
     healthy : changes of its healthy recordings among each other, scaled to the variance of a single
         recording; NaN in bands beyond half the sample rate.
     bands : bands of the changes.
-    measured, target : changes of measured faults, if any, and their classes.
+    measured : faults of the machine, and recordings of other machines, if there are any.
     """
     healthy_virtual = virtual.change[virtual.target == 0]
-    scale = _healthy_scatter(_flatten(healthy_virtual), _flatten(healthy))
+    scale = machine_scatter(virtual, healthy)
     line_scale = _healthy_scatter(
         _line_changes(healthy_virtual, bands), _line_changes(healthy, bands)
     )
@@ -298,25 +332,22 @@ def fit_head(
     virtual_inputs = _network_inputs(
         _flatten(virtual.change), virtual_scale[virtual.number], direction, shrinkage
     )
-    machine_inputs = _network_inputs(
-        _flatten(np.concatenate([measured, healthy])), scale, direction, shrinkage
+    measured_scale = np.where(scale > 0, measured.scatter, 0)
+    measured_inputs = _network_inputs(
+        _flatten(measured.change), measured_scale, direction, shrinkage
     )
+    healthy_inputs = _network_inputs(_flatten(healthy), scale, direction, shrinkage)
 
     is_trained = virtual.number % _HELD_OUT_INTERVAL > 0
     n_classes = int(virtual.target.max()) + 1
     virtual_classes = virtual.target[is_trained]
-    machine_classes = np.concatenate([target, np.zeros(len(healthy), dtype=np.int64)])
     is_background = np.isin(virtual_classes, (0, n_classes - 1))
-    weight = np.concatenate(
-        [
-            np.where(is_background, _BACKGROUND_WEIGHT, 1.0),
-            np.where(machine_classes == 0, 1.0, FEW_SHOT_WEIGHT),
-        ]
-    )
+    virtual_weight = np.where(is_background, BACKGROUND_WEIGHT, 1.0)
+    healthy_classes = np.zeros(len(healthy), dtype=np.int64)
     inner, inner_bias, outer, outer_bias = _train_network(
-        np.concatenate([virtual_inputs[is_trained], machine_inputs]),
-        np.concatenate([virtual_classes, machine_classes]),
-        weight,
+        np.concatenate([virtual_inputs[is_trained], measured_inputs, healthy_inputs]),
+        np.concatenate([virtual_classes, measured.target, healthy_classes]),
+        np.concatenate([virtual_weight, measured.weight, np.ones(len(healthy))]),
         seed,
     )
 
@@ -334,6 +365,19 @@ def fit_head(
     is_held_out = ~is_trained & (virtual.target < n_classes - 1)
     held_out_answers = head.answer_inputs(virtual_inputs[is_held_out])
     return replace(head, unknown_scores=np.sort(held_out_answers[:, -1]))
+
+
+def machine_scatter(
+    virtual: VirtualChanges, healthy: Float64[np.ndarray, "change channel level"]
+) -> Float64[np.ndarray, " column"]:
+    """Return the healthy scatter of each band power of a machine; 0 in a band that it lacks.
+
+    Parameters
+    ----------
+    healthy : changes of its healthy recordings, as in `fit_head`.
+    """
+    healthy_virtual = virtual.change[virtual.target == 0]
+    return _healthy_scatter(_flatten(healthy_virtual), _flatten(healthy))
 
 
 def _virtual_scatter(virtual: VirtualChanges) -> Float64[np.ndarray, "pump column"]:

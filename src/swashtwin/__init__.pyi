@@ -7,11 +7,15 @@ from .calibration import calibrate as calibrate
 from .calibration import estimate_severity as estimate_severity
 from .calibration import load_calibration as load_calibration
 from .diagnosis import AnomalyDetector as AnomalyDetector
+from .diagnosis import ChangeLibrary as ChangeLibrary
 from .diagnosis import Diagnosis as Diagnosis
 from .diagnosis import FaultClassifier as FaultClassifier
 from .diagnosis import PriorClassifier as PriorClassifier
 from .diagnosis import export_onnx as export_onnx
+from .diagnosis import fit_with_library as fit_with_library
+from .diagnosis import join_libraries as join_libraries
 from .diagnosis import load_model as load_model
+from .diagnosis import measure_library as measure_library
 from .foundation import LeakError as LeakError
 from .foundation import MPa as MPa
 from .foundation import SwashTwinError as SwashTwinError

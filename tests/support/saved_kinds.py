@@ -22,7 +22,14 @@ from small_machine import Machine
 from tiny_prior import write_prior
 
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate, load_calibration
-from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier, load_classifier
+from swashtwin.diagnosis import (
+    AnomalyDetector,
+    ChangeLibrary,
+    FaultClassifier,
+    PriorClassifier,
+    load_classifier,
+    measure_library,
+)
 from swashtwin.foundation import DataError, MPa, mm, resume_folder, rpm, to_table
 from swashtwin.learning import (
     BiTCN,
@@ -76,11 +83,11 @@ class SavedKind:
 
 
 @cache
-def plant() -> tuple[Recording, ...]:
-    """Healthy and worn recordings of three machines with two sensors."""
+def plant(machines: str = "ABC") -> tuple[Recording, ...]:
+    """Healthy and worn recordings of machines with two sensors."""
     time = np.arange(8192) / RATE
     recordings = []
-    for machine in "ABC":
+    for machine in machines:
         for number, label in enumerate(["normal"] * 4 + ["piston"] * 3):
             draw = np.random.default_rng([ord(machine), number])
             amplitudes = {7: 1.0, 9: 0.6 if label == "normal" else 1.4, 5: 0.5}
@@ -110,6 +117,11 @@ def write_prior_file(folder: Path) -> Path:
         [recording for recording in plant() if recording.label == "normal"]
     )
     return adapted.save(path)
+
+
+def write_library(folder: Path) -> Path:
+    library = measure_library(plant(), load_pump("25scy14-1b"))
+    return library.save(folder / "pumps.safetensors")
 
 
 def write_classifier(folder: Path) -> Path:
@@ -276,6 +288,12 @@ SAVED_KINDS = {
         write_prior_file,
         PriorClassifier.load,
         "swashtwin twin prior",
+    ),
+    "change library": SavedKind(
+        Artifact("change library", data=("card.pumps[].manifest",)),
+        write_library,
+        ChangeLibrary.load,
+        "swashtwin model library",
     ),
     "anomaly detector": SavedKind(
         Artifact("anomaly detector", data=("card.healthy.manifest",)),

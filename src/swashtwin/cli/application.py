@@ -73,8 +73,8 @@ GROUPS: Mapping[str, tuple[str, Commands]] = {
         {"export": watching.export},
     ),
     "model": (
-        "Adapt a shipped model to a machine, or export a model.",
-        {"adapt": models.adapt, "export": models.export},
+        "Adapt a shipped model to a machine, share measured faults, or export a model.",
+        {"adapt": models.adapt, "library": models.library, "export": models.export},
     ),
 }
 """Help and commands of the other groups."""

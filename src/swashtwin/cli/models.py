@@ -1,4 +1,4 @@
-"""Commands of saved models: evaluate, model export, model adapt, and twin prior."""
+"""Commands of saved models: evaluate, model export, adapt and library, and twin prior."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,14 @@ from swashtwin.cli.console import (
     print_text,
     progress,
 )
-from swashtwin.cli.options import Index, Json, ModelFile, PumpName, Seed
+from swashtwin.cli.options import (
+    Index,
+    Json,
+    ModelFile,
+    PumpName,
+    Seed,
+    require_index,
+)
 from swashtwin.cli.outputs import (
     Force,
     Report,
@@ -27,10 +34,11 @@ from swashtwin.cli.outputs import (
 from swashtwin.foundation import InputError, plural
 
 if TYPE_CHECKING:
-    from swashtwin.diagnosis import AlarmScores, Exclusion
+    from swashtwin.diagnosis import AlarmScores, ChangeLibrary, Exclusion
     from swashtwin.learning import ConfidenceScores, Scores
 
 _PRIOR_MARKS = artifact_marks("prior classifier")
+_LIBRARY_KIND = "change library"
 
 # Virtual pumps up to which starting further processes takes longer than it saves.
 _MAX_PUMPS_IN_ONE_PROCESS = 200
@@ -342,6 +350,14 @@ def adapt(
             min=5, help="Number of pistons, if the machine is of another design than the prior's."
         ),
     ] = None,
+    libraries: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--library",
+            metavar="LIBRARY",
+            help="Measured faults of other machines, written by model library. Repeatable.",
+        ),
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -349,13 +365,19 @@ def adapt(
 
     Recordings of faults in the index improve the model further.
     """
-    from swashtwin.diagnosis import PriorClassifier
+    from swashtwin.diagnosis import (
+        ChangeLibrary,
+        PriorClassifier,
+        fit_with_library,
+        join_libraries,
+    )
     from swashtwin.recordings import declared_faults, load_recordings
 
+    libraries = libraries or []
     require_output(
         out,
         suffixes=[".safetensors"],
-        inputs=[Path(design), source],
+        inputs=[Path(design), source, *libraries],
         marks=_PRIOR_MARKS,
         force=force,
     )
@@ -368,8 +390,17 @@ def adapt(
     pump_prior = PriorClassifier.load(design)
     recordings = load_recordings(source)
     n_unlabeled = sum(recording.label is None for recording in recordings)
-    with progress("measuring band powers"):
-        model = pump_prior.fit(recordings, pistons=pistons, fault_of=declared_faults(source))
+    fault_of = declared_faults(source)
+    use = None
+    if libraries:
+        joined = join_libraries([ChangeLibrary.load(path) for path in libraries])
+        with progress("weighing the library"):
+            model, use = fit_with_library(
+                pump_prior, recordings, joined, pistons=pistons, fault_of=fault_of
+            )
+    else:
+        with progress("measuring band powers"):
+            model = pump_prior.fit(recordings, pistons=pistons, fault_of=fault_of)
     model.save(out)
     result = {
         "model": out,
@@ -380,10 +411,15 @@ def adapt(
         "healthy": len(model.specimen),
         "faults": dict(model.taught),
         "recordings": sorted(model.manifest),
+        "library": None if use is None else use.to_dict(),
     }
 
     def show() -> None:
         print_text(f"{out}: {model!r}")
+        if use is not None:
+            print_text(use.sentence)
+            for note in use.notes:
+                print_note(f"note: {note}")
         if n_unlabeled:
             print_note(
                 f"note: {plural(n_unlabeled, 'recording')} without a class counted as healthy. "
@@ -397,3 +433,84 @@ def adapt(
         print_text(f"Next: swashtwin diagnose {out} FILE")
 
     print_result(result, as_json, show)
+
+
+def library(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="INDEX|LIBRARY...",
+            help="Indexes of labeled recordings of machines of one design, and libraries.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Library file to write.")] = Path("pumps.safetensors"),
+    pump: PumpName = "25scy14-1b",
+    specimens: Annotated[
+        list[str] | None,
+        typer.Option("--specimen", help="Use only recordings of this machine. Repeatable."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write how faults changed the vibration of machines, as numbers without waveforms.
+
+    model adapt learns from it for machines of a similar design. Several libraries become one.
+    """
+    from swashtwin.diagnosis import join_libraries
+
+    require_output(
+        out,
+        suffixes=[".safetensors"],
+        inputs=[*sources, Path(pump)],
+        marks=artifact_marks(_LIBRARY_KIND),
+        force=force,
+    )
+    with progress("measuring band powers"):
+        parts = [_read_library(source, pump, specimens or []) for source in sources]
+    joined = join_libraries(parts)
+    joined.save(out)
+
+    machines = [
+        {
+            "machine": member.name,
+            "pistons": member.nameplate.piston_count,
+            "channels": member.channels,
+            "healthy": len(member.healthy),
+            "faults": {label: member.label.count(label) for label in dict.fromkeys(member.label)},
+        }
+        for member in joined.pumps
+    ]
+
+    def show() -> None:
+        rows = []
+        for member in joined.pumps:
+            faults = {label: member.label.count(label) for label in dict.fromkeys(member.label)}
+            counts = ", ".join(f"{format_label(name)} {n}" for name, n in faults.items())
+            rows.append((member.name, member.nameplate.piston_count, len(member.healthy), counts))
+        header = ("machine", "pistons", "healthy", "recordings of faults")
+        print_table(f"{out}: {plural(len(rows), 'machine')}", header, rows)
+        print_text(f"Next: swashtwin model adapt PRIOR HEALTHY --library {out}")
+
+    print_result({"library": out, "machines": machines}, as_json, show)
+
+
+def _read_library(source: Path, pump: str, specimens: Sequence[str]) -> "ChangeLibrary":
+    """Return a saved library, or that of the recordings of an index."""
+    from swashtwin.diagnosis import ChangeLibrary, measure_library
+    from swashtwin.foundation import artifact_kind
+    from swashtwin.pump import load_pump
+    from swashtwin.recordings import declared_faults, load_recordings
+
+    if artifact_kind(source) == _LIBRARY_KIND or source.suffix == ".safetensors":
+        return ChangeLibrary.load(source)
+
+    require_index(source)
+    recordings = [
+        recording
+        for recording in load_recordings(source)
+        if not specimens or recording.specimen in specimens
+    ]
+    for name in specimens:
+        if all(recording.specimen != name for recording in recordings):
+            raise InputError(f"{source} has no recording of the machine {name!r}.")
+    return measure_library(recordings, load_pump(pump), fault_of=declared_faults(source))

@@ -4,6 +4,9 @@ from .alarm_scores import AlarmScores as AlarmScores
 from .anomaly_detector import AnomalyDetector as AnomalyDetector
 from .attribution import Band as Band
 from .attribution import format_frequency as format_frequency
+from .change_library import ChangeLibrary as ChangeLibrary
+from .change_library import LibraryPump as LibraryPump
+from .change_library import join_libraries as join_libraries
 from .changed_bands import BandPowerChange as BandPowerChange
 from .changed_bands import band_power_changes as band_power_changes
 from .classifier_file import load_classifier as load_classifier
@@ -13,6 +16,11 @@ from .evidence import explain as explain
 from .fault_classifier import FaultClassifier as FaultClassifier
 from .fault_classifier import compare_with_healthy as compare_with_healthy
 from .healthy_spectrum import HealthySpectrum as HealthySpectrum
+from .library_measuring import measure_library as measure_library
+from .library_weight import LibraryUse as LibraryUse
+from .library_weight import add_provenance as add_provenance
+from .library_weight import fit_with_library as fit_with_library
+from .library_weight import weigh_library as weigh_library
 from .model_evaluation import Exclusion as Exclusion
 from .model_evaluation import evaluate_model as evaluate_model
 from .model_loading import load_model as load_model

@@ -48,6 +48,8 @@ STUDIES = {
     "wrong-twins": "wrong twins and unusual pumps: do identified values hold, and is there a "
     "warning?",
     "zero-shot": "the pump prior, trained on simulations only, tested on measured faults",
+    "library": "measured faults of other machines beside the pump prior: of the same version of "
+    "the rig, of another one, and with wrong labels",
     "public": "public data sets on honest splits with the default training; SOURCE is their folder",
     "run-to-failure": "time of the alarm in the life of bearings run to failure; SOURCE is the "
     "folder of the data set",

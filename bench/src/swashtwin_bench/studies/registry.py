@@ -16,6 +16,7 @@ from swashtwin_bench.public.study import PublicSettings, public
 from swashtwin_bench.questions.alarms import AlarmStudySettings, alarms
 from swashtwin_bench.questions.calibration import CalibrationStudySettings, calibration
 from swashtwin_bench.questions.detector import DetectorStudySettings, detector
+from swashtwin_bench.questions.library import LibrarySettings, library
 from swashtwin_bench.questions.severity import SeverityStudySettings, severity
 from swashtwin_bench.questions.wrong_twin_study import WrongTwinSettings, wrong_twins
 from swashtwin_bench.questions.zero_shot import ZeroShotSettings, zero_shot
@@ -57,6 +58,7 @@ QUESTIONS: Mapping[str, Question] = MappingProxyType(
         "severity": Question(severity, SeverityStudySettings),
         "wrong-twins": Question(wrong_twins, WrongTwinSettings),
         "zero-shot": Question(zero_shot, ZeroShotSettings, "recordings"),
+        "library": Question(library, LibrarySettings),
         "public": Question(public, PublicSettings, "folder"),
         "run-to-failure": Question(_run_to_failure, NoSettings, "folder"),
     }

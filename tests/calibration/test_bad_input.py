@@ -15,6 +15,7 @@ from swashtwin.physics import Twin
 from swashtwin.pump import CLASSES, OperatingCondition, PistonWear, Pump
 from swashtwin.recordings import Recording
 from swashtwin_bench import rig_recordings
+from swashtwin_bench.questions.twin_matrix import with_piston_count
 from swashtwin_bench.rigs.writing import RigSize
 
 QUICK = GaussNewton(starts=1, max_iterations=2)
@@ -123,6 +124,15 @@ def test_a_wrongly_specified_speed_is_refused_with_the_detected_speed(
 
     detected_rpm = float(str(error.value).split("7 pistons at ")[1].split(" rev")[0])
     assert detected_rpm == pytest.approx(860, rel=0.01)
+
+
+def test_a_wrong_piston_count_is_named_beside_a_wrong_speed(
+    twin: Twin, recording: Recording
+) -> None:
+    nine_pistons = replace(twin, pump=with_piston_count(twin.pump, 9))
+    message = "9 pistons at 669 rev/min, or with 7 pistons at the specified speed"
+    with pytest.raises(DataError, match=message):
+        measure(nine_pistons, [recording])
 
 
 def test_the_fleets_contain_every_class(rig: list[Recording]) -> None:

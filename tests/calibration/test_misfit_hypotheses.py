@@ -18,14 +18,15 @@ from swashtwin.calibration import (
     is_warning,
     measure,
 )
-from swashtwin.calibration.misfit_hypotheses import find_misfit_hypotheses
+from swashtwin.calibration.drawing_errors import ALL_PORTS
+from swashtwin.calibration.misfit_hypotheses import find_suspected_mistakes
 from swashtwin.calibration.posterior import (
     MAX_MISFIT,
     build_estimates,
     compute_misfit,
     posterior_covariance,
 )
-from swashtwin.foundation import MPa, random_stream
+from swashtwin.foundation import MPa, deg, random_stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import Recording
@@ -185,6 +186,70 @@ def test_a_large_misfit_leaves_no_value_identified(
 
 def test_scatter_is_explained_by_no_mistake(scattered: Objective) -> None:
     point = QUICK.search(scattered, seed=0).point
-    misfit = compute_misfit(scattered, point)
-    assert misfit > MAX_MISFIT
-    assert find_misfit_hypotheses(scattered, misfit) == ()
+    assert compute_misfit(scattered, point) > MAX_MISFIT
+    assert find_suspected_mistakes(scattered, point) == ()
+
+
+@pytest.fixture(scope="module")
+def healthy(pump: Pump, at_15: OperatingCondition) -> Twin:
+    return Twin(pump, at_15.replace(discharge_pressure=MPa(10)), bandwidth=2600)
+
+
+@pytest.fixture(scope="module")
+def healthy_recording(healthy: Twin) -> Recording:
+    return recording_of(healthy)
+
+
+def with_area_factor(twin: Twin, factor: float) -> Twin:
+    group = twin.pump.rotating_group
+    diameter = group.piston_diameter * factor**0.5
+    group = replace(group, piston_diameter=diameter)
+    return replace(twin, pump=replace(twin.pump, rotating_group=group))
+
+
+def with_pressure_factor(twin: Twin, factor: float) -> Twin:
+    pressure = factor * twin.condition.discharge_pressure
+    return twin.at(twin.condition.replace(discharge_pressure=pressure))
+
+
+def with_later_ports(twin: Twin, angle: float, names: tuple[str, ...]) -> Twin:
+    plate = twin.pump.valve_plate
+    angles = {name: getattr(plate, name) + angle for name in names}
+    return replace(twin, pump=replace(twin.pump, valve_plate=replace(plate, **angles)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            partial(with_area_factor, factor=0.9),
+            "the pistons' area is about 1.1 times the pump file's: check "
+            "rotating_group.piston_diameter",
+        ),
+        (
+            partial(with_pressure_factor, factor=0.9),
+            "the discharge pressure is about 1.1 times the specified one",
+        ),
+        (
+            partial(with_later_ports, angle=deg(3), names=ALL_PORTS),
+            "all ports open and close about 3 deg earlier than in the pump file",
+        ),
+        (
+            partial(with_later_ports, angle=deg(1), names=("discharge_open",)),
+            "the discharge port opens about 1 deg earlier than in the pump file",
+        ),
+    ],
+    ids=["area", "pressure", "all ports", "discharge port"],
+)
+def test_a_wrong_number_of_the_drawing_is_reported_with_the_default_nuisances(
+    healthy: Twin, healthy_recording: Recording, change: Callable[[Twin], Twin], message: str
+) -> None:
+    wrong = change(healthy)
+    recording = healthy_recording.replace(condition=wrong.condition)
+    assert_mistake_reported(calibrate(wrong, [recording], method=QUICK), message)
+
+
+def test_a_correct_drawing_causes_no_warning_with_the_default_nuisances(
+    healthy: Twin, healthy_recording: Recording
+) -> None:
+    assert not warnings_of(calibrate(healthy, [healthy_recording], method=QUICK))

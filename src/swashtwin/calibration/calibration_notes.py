@@ -41,6 +41,8 @@ def collect_notes(
     doubts = list(_describe_bounds(objective, result, estimates))
     if misfit > MAX_MISFIT:
         doubts.append(_describe_misfit(objective, result, misfit, hypotheses))
+    if len(hypotheses) > 1:
+        doubts.append("the lines do not distinguish between several mistakes")
     doubts += [
         f"the misfit falls from {misfit:.2g} to {hypothesis.misfit:.2g} (1 or less is expected) "
         f"if {hypothesis.mistake}"

@@ -28,6 +28,9 @@ contrast. On the virtual rig (`docs/explanation/calibration.md`) correct speeds 
 wrong ones 0.46 and less.
 """
 
+PISTON_COUNTS = range(5, 12)
+"""Numbers of pistons that axial piston pumps usually have."""
+
 # Combs of at least this share of the greatest contrast are as clear as the clearest one.
 _TIE_SHARE = 0.8
 
@@ -121,13 +124,30 @@ def require_consistent_speed(
 
     speed = detect_speed(recording, shaft_frequency, piston_count)
     if speed.contradicts:
+        other_count = _find_piston_count(speed, piston_count)
+        alternative = ""
+        if other_count is not None:
+            alternative = f", or with {other_count} pistons at the specified speed"
         raise DataError(
             f"{recording.recording_id}: the specified speed is {60 * speed.specified:.4g} rev/min, "
             f"but the piston-pass lines are those of a pump with {piston_count} pistons at "
-            f"{60 * speed.detected:.4g} rev/min. Correct the speed (or the sample rate of "
-            f"{recording.sample_rate:g} Hz, or the pump's piston count).",
+            f"{60 * speed.detected:.4g} rev/min{alternative}. Correct the speed (or the sample "
+            f"rate of {recording.sample_rate:g} Hz, or the pump's piston count).",
             field="speed",
         )
+
+
+def _find_piston_count(speed: DetectedSpeed, piston_count: int) -> int | None:
+    """Return the number of pistons whose lines would stand where those of the detected speed do, if
+    the specified speed is right; `None` if there is no other such number.
+    """
+    exact_count = piston_count * speed.detected / speed.specified
+    count = round(exact_count)
+    if count == piston_count or count not in PISTON_COUNTS:
+        return None
+    if abs(exact_count / count - 1) > SPEED_TOLERANCE:
+        return None
+    return count
 
 
 def _compute_levels(

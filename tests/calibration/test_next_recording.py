@@ -83,6 +83,10 @@ def test_the_predicted_width_is_that_of_the_next_calibration(
     next_calibration = calibrate_machine(machine, first, recording_at(machine, 1500, 15))
     width = sum_interval_widths(next_calibration.estimates)
     assert candidate.total_interval_width == pytest.approx(width, abs=0.15)
+    for estimate in next_calibration.estimates:
+        low, high = estimate.interval
+        expected_factor = candidate.expected_factors[estimate.symbol]
+        assert expected_factor == pytest.approx((high / low) ** 0.5, rel=0.1), estimate.symbol
 
 
 def test_a_moved_sensor_is_planned_and_calibrated_with_the_others(
@@ -193,6 +197,7 @@ def test_the_command_prints_a_table(command: tuple[Any, ...]) -> None:
     output = run(*command).stdout
     assert "Candidates for the next recording" in output
     assert "1500 rpm" in output
+    assert "C_v" in output
 
 
 def test_the_command_refuses_unknown_sensors_and_speeds_without_a_unit(path: Path) -> None:

@@ -68,6 +68,10 @@ class CandidateRecording:
     """Expected sum over the six values of ln(upper / lower) of the 90 % interval."""
     narrowing_factors: Mapping[str, float]
     """Factor by which each value's ln interval is expected to shrink, by symbol."""
+    expected_factors: Mapping[str, float]
+    """Factor within which each value is then expected to be known, by symbol: the root of upper /
+    lower of its 90 % interval.
+    """
 
 
 @dataclass(frozen=True)
@@ -180,10 +184,12 @@ def _evaluate_candidate(
 
     expected = []
     narrowing_factors = {}
+    expected_factors = {}
     for estimate, ratio in zip(forecast.calibration.estimates, std_ratio, strict=True):
         interval = compute_interval(estimate.value, estimate.log_std * ratio, estimate.bounds)
         narrowed = replace(estimate, interval=interval)
         expected.append(narrowed)
+        expected_factors[estimate.symbol] = math.sqrt(interval[1] / interval[0])
         narrowing_factors[estimate.symbol] = sum_interval_widths([estimate]) / sum_interval_widths(
             [narrowed]
         )
@@ -195,6 +201,7 @@ def _evaluate_candidate(
         channels=channels,
         total_interval_width=sum_interval_widths(expected),
         narrowing_factors=narrowing_factors,
+        expected_factors=expected_factors,
     )
 
 

@@ -40,6 +40,9 @@ _MAX_CANDIDATES = 10
 # Options without which a nameplate cannot be scaled; the mass has a default.
 _REQUIRED_NAMEPLATE = ("displacement", "pistons", "speed", "pressure")
 
+# Factor within which a value counts as known: that of the verdict "identified".
+_KNOWN_FACTOR = 1.5
+
 
 def plan_next(
     calibration: CalibrationFile,
@@ -99,6 +102,7 @@ def _print_plan(plan: "RecordingPlan") -> None:
         "width then",
         "narrower by",
         "value narrowed most",
+        f"then within a factor of {_KNOWN_FACTOR:g}",
     )
     print_table(
         "Candidates for the next recording; total ln width of the six intervals now "
@@ -119,6 +123,11 @@ def _print_plan(plan: "RecordingPlan") -> None:
 def _candidate_row(candidate: "CandidateRecording", plan: "RecordingPlan") -> tuple[str, ...]:
     gain = 1 - candidate.total_interval_width / plan.total_interval_width
     symbol, factor = max(candidate.narrowing_factors.items(), key=lambda pair: pair[1])
+    known = [
+        name
+        for name, expected_factor in candidate.expected_factors.items()
+        if expected_factor <= _KNOWN_FACTOR
+    ]
     return (
         f"{candidate.speed * 30 / math.pi:.0f} rpm",
         f"{candidate.discharge_pressure / 1e6:.3g} MPa",
@@ -127,6 +136,7 @@ def _candidate_row(candidate: "CandidateRecording", plan: "RecordingPlan") -> tu
         f"{candidate.total_interval_width:.2f}",
         f"{gain:.1%}" if gain > 0 else "none",
         f"{symbol}, {factor:.2g} times" if factor > 1 else "-",
+        ", ".join(known) or "-",
     )
 
 

@@ -29,11 +29,11 @@ def demo(
     ] = Path("swashtwin-demo"),
     as_json: Json = False,
 ) -> None:
-    """Diagnose a fault that was never recorded at this pressure, with the help of a twin.
+    """Diagnose faults that were never recorded at this pressure, with the help of twins.
 
-    The demo records pumps on a virtual rig, calibrates twins, trains a model (Case II of the
-    paper), and writes a diagnosis as a page. It takes a few minutes and prints three commands to
-    try next.
+    The demo records pumps on a virtual rig, calibrates twins, trains a model on measured windows
+    alone and with those of twins, and writes the comparison as a page. It takes a few minutes and
+    prints three commands to try next.
     """
     from swashtwin_bench import QUESTION, run_demo, summarize_demo
 
@@ -67,9 +67,12 @@ def demo(
         "twin": result.twin,
         "question": QUESTION,
         "demo_answer": answer,
-        "label": result.label,
-        "with_twin": [verdict.to_dict() for verdict in result.with_twin],
-        "without_twin": [verdict.to_dict() for verdict in result.without_twin],
+        "labels": result.labels,
+        "correct": {name: result.count_correct(name) for name in result.diagnoses},
+        "diagnoses": {
+            name: [diagnosis.to_dict() for diagnosis in diagnoses]
+            for name, diagnoses in result.diagnoses.items()
+        },
         "next": list(next_commands.values()),
     }
     print_result(table, as_json, show)

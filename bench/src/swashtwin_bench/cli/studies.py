@@ -40,6 +40,8 @@ STUDIES = {
     "healthy reference (docs/bench/fair-test-2.md)",
     "filling": "what twins should fill: the missing cell alone, every class at its pressure, or "
     "every class everywhere; with ceilings that know the truth of the virtual rig",
+    "demo": "the comparison of swashtwin demo on other fleets: no fault recorded at 15 MPa, every "
+    "class filled by twins",
     "alarms": "false alarms on healthy pumps that drift; severity and delay of growing faults",
     "detector": "false alarms and detected faults of a detector trained on healthy recordings, "
     "two of twenty contaminated",

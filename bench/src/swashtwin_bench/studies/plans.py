@@ -45,6 +45,7 @@ from swashtwin_bench.studies.perturbations import Perturbation, noises
 from swashtwin_bench.studies.plan import Plan
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario
 from swashtwin_bench.studies.training_sets import (
+    DEMO_TRAINING_SETS,
     FAIR_TRAINING_SETS,
     PAPER_TRAINING_SETS,
     TWIN_TRAINING_SETS,
@@ -383,6 +384,32 @@ def fill_classes(size: str) -> Plan:
     )
 
 
+def compare_for_demo(size: str) -> Plan:
+    """Return the comparison of the demo: without any fault at 15 MPa, and with twins.
+
+    It is the fair test's case in which no fault was measured there, with calibrations of the six
+    values and the law of the recess alone, so that it takes minutes.
+    """
+    plan = fair_test(size)
+    scenario = replace(plan.scenario_of("never measured"), nuisances=Nuisances())
+    return replace(
+        plan,
+        study="demo",
+        title="No fault recorded at 15 MPa: measured windows alone, and with twins",
+        scenario=scenario,
+        models=select_models(size, ("band_powers", "extra_trees")),
+        training_sets=DEMO_TRAINING_SETS,
+        varied="",
+        variants={"": {}},
+        reference_values={"training_set": "calibrated"},
+        metric="recording_accuracy",
+        notes=(
+            f"Twins simulate {scenario.synthetic} windows of each class at 15 MPa, of the healthy "
+            "pump too. The calibrated ones have the values of the training pumps.",
+        ),
+    )
+
+
 def _derive_from_case_one(size: str, recipe: str, study: str, title: str, **changes: Any) -> Plan:
     """Return Case I, split by recording, with changes."""
     plan = replace(
@@ -443,6 +470,7 @@ PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
         "fair-test": fair_test,
         "fair-test-2": fair_test_two,
         "filling": fill_classes,
+        "demo": compare_for_demo,
         **{
             f"{PAPER_STUDY}{name}": partial(plan, recipe=PAPER)
             for name, plan in _BOTH_RECIPES.items()

@@ -145,6 +145,17 @@ FAIR_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
 )
 """Those of the paper, and calibrated twins with the identified law of the recess."""
 
+DEMO_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
+    {
+        "measured": TrainingSet(),
+        "nominal": TrainingSet("nominal", every_class=True),
+        "calibrated": TrainingSet("law", every_class=True),
+    }
+)
+"""Training sets of the demo: twins simulate every class at the pressure, as `Filling` does by
+default, since a class that alone is simulated is more diverse than the others.
+"""
+
 TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
     {
         "nominal": TrainingSet("nominal"),

@@ -24,9 +24,10 @@ import swashtwin
 from swashtwin.cli import app
 from swashtwin.learning import NETWORKS
 from swashtwin.pump.faults import _faults
-from swashtwin.recordings import load_recordings, write_recording
+from swashtwin.recordings import load_recordings, write_index, write_recording
 from swashtwin.recordings.file_formats import _registered_readers
 from swashtwin_bench import build_rig
+from swashtwin_bench.rigs.writing import RigSize
 
 ROOT = Path(__file__).parents[2]
 EVIDENCE = "docs/bench/evidence.md"
@@ -223,11 +224,23 @@ def prepare_healthy_tables(folder: Path, rig: Path) -> None:
     write_recording(recording.replace(label=None), folder / "new.h5")
 
 
+def prepare_library(folder: Path, rig: Path) -> None:
+    """Write recordings of six pumps, and healthy ones of another pump with a new one."""
+    build_rig(folder / "maker", seed=1, size=RigSize(specimens=6, repeats=2, duration=1.25))
+    recordings = list(load_recordings(rig / "rig", label="normal", specimen="A"))
+    files = [
+        write_recording(item, folder / "healthy" / f"{item.recording_id}.h5") for item in recordings
+    ]
+    write_index(recordings, files, folder / "healthy")
+    write_recording(recordings[0].replace(label=None), folder / "new.h5")
+
+
 PREPARED: dict[str, Callable[[Path, Path], None]] = {
     "README.md": prepare_labeled_tables,
     "docs/how-to/assistants.md": prepare_labeled_tables,
     "docs/how-to/indicators.md": prepare_rig,
     "docs/how-to/leakage.md": prepare_rig,
+    "docs/how-to/other-design.md": prepare_library,
     "docs/explanation/calibration.md": prepare_calibration,
     "docs/explanation/method.md": prepare_calibration,
     "docs/explanation/diagnosis.md": prepare_healthy_tables,

@@ -18,7 +18,7 @@ from starlette.testclient import TestClient
 from tiny_prior import PISTONS, write_prior
 from watched_pumps import LEARNING, START, hum, watch_config, write_hum
 
-from swashtwin.diagnosis import Diagnosis
+from swashtwin.diagnosis import Diagnosis, measure_library
 from swashtwin.foundation import DataError, to_table
 from swashtwin.monitoring import (
     History,
@@ -39,6 +39,7 @@ from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.page.watch_page import build_watch_page
 from swashtwin.monitoring.service import severities
 from swashtwin.monitoring.service.alarm_messages import AlarmPoster, Occasion
+from swashtwin.pump import load_pump
 from swashtwin.recordings import Recording, write_recording
 
 POINT = OperatingPoint(157.08, None)
@@ -370,6 +371,33 @@ def test_the_reason_is_stated_if_no_suspect_can_be_named(
     monkeypatch.setattr(sys, "executable", "/no/python")
     suspect = name_suspect(pump, loud, state)
     assert "could not be adapted (FileNotFoundError)" in suspect.sentence
+
+
+def test_a_suspect_learns_from_measured_faults_of_other_machines(tmp_path: Path) -> None:
+    # The faults of this prior are in the wrong direction; those of the library are right.
+    write_prior(tmp_path / "prior.safetensors", at_speed(99, 6.0), at_speed(98))
+    recordings = []
+    for number, specimen in enumerate("ABC"):
+        for label, gain in (("normal", 1.0), ("piston", 6.0)):
+            for seed in range(3):
+                member = at_speed(1000 + 100 * number + 10 * int(gain) + seed, gain)
+                recordings.append(member.replace(label=label, specimen=specimen))
+    library = measure_library(recordings, load_pump("25scy14-1b"))
+    machine = Machine(
+        name="pump-1",
+        pistons=PISTONS,
+        prior=tmp_path / "prior.safetensors",
+        library=library.save(tmp_path / "pumps.safetensors"),
+    )
+    loud = at_speed(50, 6.0)
+    with pytest.raises(PriorNotAdaptedError) as caught:
+        Suspects().name(machine, POINT, learned().baseline, loud)
+    model = caught.value.request.adapt()
+
+    assert model.taught == {"piston": 9}
+    assert "A" not in model.specimen
+    assert model.diagnose(loud.replace(specimen="pump-1")).label == "piston"
+    assert set(library.manifest) <= set(model.manifest)
 
 
 def test_features_of_the_prior_come_only_from_recordings_kept_in_the_baseline(

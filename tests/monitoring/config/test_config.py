@@ -52,7 +52,8 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
     # Comments with an entry or a table; the others are sentences.
     text = re.sub(r"^# (.*(?:=|\[\[).*)$", r"\1", path.read_text(encoding="utf-8"), flags=re.M)
     path.write_text(text, encoding="utf-8")
-    for name in ("model.safetensors", "prior.safetensors", "calibration.json"):
+    files = ("model.safetensors", "prior.safetensors", "pumps.safetensors", "calibration.json")
+    for name in files:
         (tmp_path / name).touch()
 
     # Both characters have a meaning in a URL.
@@ -92,6 +93,7 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
         # entries that name something which must exist, or exclude each other
         ("[[machine]]\nname='p'\npump='nosuch'", "Unknown pump 'nosuch'"),
         ("[[machine]]\nname='p'\nmodel='m.safetensors'", "does not exist"),
+        ("[[machine]]\nname='p'\nlibrary='m.safetensors'", "library: the file .* does not exist"),
         ("[[machine]]\nname='p'\ncalibration='m.json'", "specify pump or pistons too"),
         ("[[machine]]\nname='p'\npump='25scy14-1b'\npistons=9", "specify only one of the two"),
         ("[[machine]]\nname='p'\nchannels=['x', 'x']", "contains a name twice"),

@@ -16,7 +16,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.diagnosis import Diagnosis, PriorClassifier, order_band_powers
+from swashtwin.diagnosis import (
+    ChangeLibrary,
+    Diagnosis,
+    PriorClassifier,
+    add_provenance,
+    order_band_powers,
+    weigh_library,
+)
 from swashtwin.foundation import DataError, SwashTwinError, run_in_child
 from swashtwin.monitoring.alarms.baseline import OperatingPointBaseline
 from swashtwin.monitoring.alarms.operating_point import OperatingPoint
@@ -29,8 +36,8 @@ SURE_PROBABILITY = 0.8
 """Probability from which on a suspect is named without the second candidate."""
 N_CACHED_PRIORS = 128
 """Adapted priors that are kept in memory; one takes 0.2 MB."""
-ADAPT_TIMEOUT_S = 120.0
-"""Time limit for adapting a prior, which takes some seconds."""
+ADAPT_TIMEOUT_S = 600.0
+"""Time limit for adapting a prior, which takes some seconds, or half a minute with a library."""
 RETRY_DELAY_S = 3600.0
 """Time after which adapting is tried again if the process failed."""
 _log = logging.getLogger("swashtwin.watch")
@@ -115,7 +122,8 @@ class PriorAdaptation:
         Raises
         ------
         SwashTwinError
-            The prior cannot be read, or its virtual pumps lack a channel of the machine.
+            The prior or the library cannot be read, or the virtual pumps of the prior lack a
+            channel of the machine.
         """
         prior = PriorClassifier.load(self.machine.prior)
         pump = self.machine.pump
@@ -135,7 +143,11 @@ class PriorAdaptation:
             point_speed=np.full(n_recordings, speed),
             point_pressure=np.full(n_recordings, pressure),
         )
-        return adapted_prior.fit_band_powers()
+        if self.machine.library is None:
+            return adapted_prior.fit_band_powers()
+
+        use = weigh_library(adapted_prior, ChangeLibrary.load(self.machine.library))
+        return add_provenance(adapted_prior.fit_band_powers(library=use.changes), use)
 
 
 class PriorNotAdaptedError(Exception):

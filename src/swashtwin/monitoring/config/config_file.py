@@ -220,6 +220,8 @@ def _check_machine(machine: Machine) -> None:
         _require_file("calibration", machine.calibration)
     if machine.prior.endswith(".safetensors"):
         _require_file("prior", Path(machine.prior))
+    if machine.library is not None:
+        _require_file("library", machine.library)
     if machine.tags_zone is not None:
         try:
             read_zone(machine.tags_zone)

@@ -119,6 +119,10 @@ class Machine(Entries, frozen=True, kw_only=True):
     """Saved `FaultClassifier`, `AnomalyDetector` or adapted `PriorClassifier`."""
     prior: NameOrFile = NameOrFile("25scy14-1b")
     """Shipped prior, or path of one of ``twin prior``; it names the suspect of an alarm."""
+    library: Path | None = None
+    """Measured faults of other machines, of ``model library``; the suspect is then also named by
+    them, if they help.
+    """
     calibration: Path | None = None
     """Calibration on healthy recordings of the pump; it measures the severity of the suspect."""
     channels: tuple[Text, ...] = ()

@@ -12,7 +12,7 @@ without the held-out one.
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -50,6 +50,8 @@ class Contender:
     """What is searched besides the six values."""
     phases: bool = False
     """Whether the phases of the lines are compared too."""
+    lines: Literal["piston", "spectrum"] = "piston"
+    """Lines that are compared: multiples of the piston count, or the whole spectrum (`measure`)."""
 
 
 CONTENDERS: dict[str, Contender] = {
@@ -211,6 +213,7 @@ def _calibrate_pump(
             method=contender.method,
             nuisances=contender.nuisances,
             phases=contender.phases,
+            lines=contender.lines,
             explain_misfit=False,
             seed=pump.seed,
         )

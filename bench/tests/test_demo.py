@@ -47,7 +47,8 @@ def test_the_demo_counts_correct_verdicts_and_false_alarms(demo: Demo) -> None:
 
 def test_the_answer_of_the_demo_has_all_three_trainings(demo: Demo) -> None:
     answer, limit, shown = summarize_demo(demo)
-    assert "1 measured windows only, 3 with nominal twin, 3 with calibrated twin" in answer
+    counts = "1 (measured windows only), 3 (with nominal twin), 3 (with calibrated twin)"
+    assert f"Classified correctly: {counts}, of 4 recordings" in answer
     assert "not a proof" in limit
     assert "piston fault, so this diagnosis is correct" in shown
 

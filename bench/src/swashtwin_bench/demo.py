@@ -233,19 +233,18 @@ def summarize_demo(demo: Demo) -> tuple[str, ...]:
     n_recordings = len(demo.labels)
     n_healthy = demo.labels.count(HEALTHY)
 
+    trainings = {name: format_factor("training_set", name) for name in DEMO_TRAINING_SETS}
     correct = ", ".join(
-        f"{demo.count_correct(name)} {format_factor('training_set', name)}"
-        for name in DEMO_TRAINING_SETS
+        f"{demo.count_correct(name)} ({training})" for name, training in trainings.items()
     )
     false_alarms = ", ".join(
-        f"{demo.count_false_alarms(name)} {format_factor('training_set', name)}"
-        for name in DEMO_TRAINING_SETS
+        f"{demo.count_false_alarms(name)} ({training})" for name, training in trainings.items()
     )
     return (
-        f"{n_recordings} recordings at 15 MPa come from pumps that no model was trained on. "
-        f"Classified correctly: {correct}. Of the {n_healthy} healthy ones, taken for faulty: "
-        f"{false_alarms}. All three trainings have the same network and the same recordings: every "
-        "class at 5 and 10 MPa, and the healthy pump at 15 MPa. Twins added every class at 15 MPa.",
+        f"Classified correctly: {correct}, of {n_recordings} recordings at 15 MPa of pumps that no "
+        f"model was trained on. Healthy ones taken for faulty: {false_alarms}, of {n_healthy}. The "
+        "three trainings share the network and the recordings: every class at 5 and 10 MPa, and "
+        "the healthy pump at 15 MPa. Twins added every class at 15 MPa.",
         "This is one fleet of a virtual rig and one training: a demonstration, not a proof. "
         "swashtwin bench study demo repeats it on other fleets.",
         f"The page shows the diagnosis of the first faulty recording with the {WITH} twins. The "

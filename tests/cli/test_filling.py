@@ -136,6 +136,13 @@ def test_train_names_the_option_that_is_missing(
     assert reason in " ".join(stderr.replace("│", " ").split())
 
 
+def test_a_healthy_class_of_another_name_is_refused(rig: Path, tmp_path: Path) -> None:
+    # It got no window, but all faults did.
+    options = ("--fault-of", "as new=normal", "--out", tmp_path / "filled.safetensors")
+    line = one_line(run("synthesize", PUMP, "--like", rig, *options, code=3))
+    assert "Label healthy recordings normal" in line
+
+
 def test_a_missing_calibration_is_reported(rig: Path) -> None:
     line = one_line(run("train", rig, "--twin", "nowhere.json", code=3))
     assert "nowhere.json" in line

@@ -152,6 +152,7 @@ def test_a_class_that_nobody_recorded_is_filled_at_every_point(measured: WindowS
 
     counts = counts_of(plan)
     assert [counts["valve_plate", pressure] for pressure in PRESSURES] == [2, 2]
+    assert any("No recording has the class valve_plate" in note for note in plan.notes)
     windows = plan.simulate()
     assert windows.classes == (*LABELS, "valve_plate")
     assert windows.counts()["valve_plate", MPa(10)] == 2
@@ -171,6 +172,11 @@ def test_faults_come_from_the_settings_a_calibration_or_the_name_of_the_class(
     assert piston_of(PUMP, fault_of={"piston": worn}) == ((worn,), False)
     of_worn_pump = replace(calibration, twin=calibration.twin.with_fault(worn))
     assert piston_of(of_worn_pump) == ((worn,), False)
+
+    # also if the recordings name the part otherwise
+    in_german = replace(measured, classes=("normal", "swash_plate", "Kolbenverschleiss"))
+    cells = Filling(of_worn_pump).plan(in_german).filled
+    assert [cell.faults for cell in cells if cell.label == "Kolbenverschleiss"] == [(worn,)]
 
 
 def test_what_limits_the_windows_is_noted(measured: WindowSet, calibration: Calibration) -> None:
@@ -212,7 +218,7 @@ def test_an_invalid_filling_is_refused(arguments: dict[str, Any], reason: str) -
     ("faults", "reason"),
     [
         pytest.param(3, "stands for 3, which is not a fault", id="a number"),
-        pytest.param("normal", "which is not a fault", id="healthy"),
+        pytest.param("normal", "not a fault. Label healthy recordings normal", id="healthy"),
         pytest.param(("piston", "swash_plate"), "faults of one part, not for piston and", id="two"),
         pytest.param((), "not for no fault", id="none"),
     ],

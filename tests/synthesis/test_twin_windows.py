@@ -368,6 +368,9 @@ def test_windows_of_a_calibration_have_gain_and_noise_of_its_machine(
 
     assert machine_of(calibration, both) == "quiet"
     assert machine_of(calibration, measured) == ""
+    # another machine's recording of the same name
+    content = {calibration.recording_ids[0]: ("other samples",)}
+    assert machine_of(calibration, replace(both, content=content)) == ""
     windows = synthesize(calibration, FAULT, count=4, like=both)
     alone = synthesize(calibration, FAULT, count=4, like=quiet)
     np.testing.assert_array_equal(windows.signal, alone.signal)

@@ -93,18 +93,20 @@ def build_filling(
     seed: int,
 ) -> "Filling":
     """Return the filling that the options of a command describe."""
+    from swashtwin.pump import is_healthy
     from swashtwin.synthesis import DEFAULT_FILL, WINDOWS_PER_CELL, Filling
 
-    fault_of: dict[str, list[Fault]] = {}
+    fault_of: dict[str, list[Fault | str]] = {}
     for label, texts in fault_texts.items():
-        faults = [fault_from(text) for text in texts]
-        # a healthy class needs no fault
-        fault_of[label] = [fault for fault in faults if fault is not None]
+        # A text that names no fault is refused by the filling.
+        faults = [fault_from(text) or text for text in texts]
+        if not (is_healthy(label) and all(map(is_healthy, texts))):
+            fault_of[label] = faults
     return Filling(
         load_twin_sources(sources),
         fill=DEFAULT_FILL if fill is None else fill.value,
         count=count or WINDOWS_PER_CELL,
-        fault_of={label: faults for label, faults in fault_of.items() if faults},
+        fault_of=fault_of,
         seed=seed,
     )
 

@@ -199,15 +199,16 @@ class Filling:
         if is_healthy(label):
             return (None,)
 
-        calibrated = [_calibrated_fault(calibration) for calibration in self.calibrations]
-        for fault in calibrated:
-            if fault is not None and fault.label == label:
-                return (fault,)
         try:
             kind = canonical_label(label, tuple(FAULT_KINDS))
         except InputError:
-            return ()
-        return _read_faults(label, kind)
+            kind = ""
+
+        calibrated = [_calibrated_fault(calibration) for calibration in self.calibrations]
+        for fault in calibrated:
+            if fault is not None and fault.label in (label, kind):
+                return (fault,)
+        return _read_faults(label, kind) if kind else ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -361,6 +362,12 @@ def _read_faults(label: str, entries: Fault | str | Sequence[Fault | str]) -> tu
     """
     faults: list[Fault] = []
     for entry in [entries] if isinstance(entries, Fault | str) else entries:
+        if isinstance(entry, str) and is_healthy(entry):
+            raise InputError(
+                f"The class {label!r} stands for {entry!r}, which is not a fault. Label healthy "
+                "recordings normal: twins get their noise and gain from these.",
+                field="fault_of",
+            )
         fault: Any = entry
         if isinstance(entry, str):
             fault = read_fault(entry)
@@ -415,6 +422,7 @@ def _collect_notes(plan: FillingPlan) -> tuple[str, ...]:
     return (
         *empty,
         *_describe_unknown_classes(plan),
+        *_describe_unrecorded_classes(plan),
         *_describe_unknown_points(plan.like),
         *_describe_typical_severities(plan),
         *_describe_missing_healthy(plan),
@@ -427,9 +435,23 @@ def _describe_unknown_classes(plan: FillingPlan) -> list[str]:
         return []
     labels = dict.fromkeys(cell.label for cell in plan.cells if not cell.faults)
     return [
-        f"The twins simulate no fault called {label}, so this class gets no window. Name the fault "
-        "that it stands for (fault_of)."
+        f"The twins simulate no fault called {label}, so this class gets no window, and the filled "
+        "classes may take its recordings. Name the fault that it stands for (fault_of), or label "
+        "it normal if it is healthy."
         for label in labels
+    ]
+
+
+def _describe_unrecorded_classes(plan: FillingPlan) -> list[str]:
+    """Return a note on classes without a recording, which may be names that were mistyped."""
+    recorded = {cell.label for cell in plan.cells if cell.n_recordings}
+    unrecorded = [label for label in plan.like.classes if label not in recorded]
+    filled = {cell.label for cell in plan.filled}
+    return [
+        f"No recording has the class {label}, which fault_of names: the model learns it from "
+        "simulated windows alone."
+        for label in unrecorded
+        if label in plan.filling.fault_of and label in filled
     ]
 
 

@@ -27,7 +27,7 @@ from swashtwin.pump import (
     is_same_class,
     values_match,
 )
-from swashtwin.recordings import Recording, default_window, join_manifests
+from swashtwin.recordings import Recording, default_window, find_copies, join_manifests
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import (
     DEFAULT_VARIATION,
@@ -256,9 +256,12 @@ def describe_uncalibrated(
 def machine_of(calibration: Calibration, like: WindowSet) -> str:
     """Return the machine in `like` that a twin was calibrated on; empty if it is not known.
 
-    A calibration names its recordings; those that are in `like` name the machine.
+    A calibration lists its recordings; those that are in `like` name the machine. Content decides,
+    since recordings of two machines may have the same name.
     """
-    is_calibrated_on = ~like.synthetic & np.isin(like.recording_id, calibration.recording_ids)
+    measured = like.subset(~like.synthetic)
+    calibrated_on = list(find_copies(calibration.recording_hashes, measured.recordings))
+    is_calibrated_on = ~like.synthetic & np.isin(like.recording_id, calibrated_on)
     machines = set(like.specimen[is_calibrated_on].tolist()) - {""}
     return machines.pop() if len(machines) == 1 else ""
 

@@ -110,8 +110,8 @@ SECONDARY_PAIRS = (
     ("law_every_class", "no_gain_every_class"),
     ("law_every_class", "nominal_every_class"),
     ("law_every_class", "calibrated_every_class"),
-    ("ceiling_true_every_class", "nominal_every_class"),
-    ("ceiling_perfect_every_class", "nominal_every_class"),
+    ("ceiling_true_every_class", "no_gain_every_class"),
+    ("ceiling_perfect_every_class", "no_gain_every_class"),
     ("nominal_every_class", "nominal"),
     ("nominal_every_class", "measured"),
 )

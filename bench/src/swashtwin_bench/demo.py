@@ -73,7 +73,7 @@ class Demo:
     """True class of each of these recordings."""
     next_recording: Path
     """Recording of an unseen pump with another fault, to diagnose next."""
-    shown: int
+    shown_index: int
     """Index of the recording whose diagnosis the page shows: the first faulty one."""
     rig: Path
     """Folder of the recordings."""
@@ -155,7 +155,7 @@ def run_demo(
         diagnoses={name: _diagnose_all(model, unseen, plan) for name, model in models.items()},
         labels=labels,
         next_recording=rig / str(next_recording.attributes["file"]),
-        shown=faulty[0],
+        shown_index=faulty[0],
         rig=rig,
         page=out / "report" / "report.html",
     )
@@ -228,8 +228,8 @@ def _diagnose_all(
 
 def summarize_demo(demo: Demo) -> tuple[str, ...]:
     """Return the answer to the question of the demo in paragraphs."""
-    fault = format_label(demo.labels[demo.shown])
-    is_correct = demo.diagnoses[WITH][demo.shown].label == demo.labels[demo.shown]
+    fault = format_label(demo.labels[demo.shown_index])
+    is_correct = demo.diagnoses[WITH][demo.shown_index].label == demo.labels[demo.shown_index]
     n_recordings = len(demo.labels)
     n_healthy = demo.labels.count(HEALTHY)
 
@@ -257,7 +257,7 @@ def _build_page(demo: Demo) -> Part:
 
     Sections on calibration and training are folded: they explain, but do not answer.
     """
-    diagnosis = build_part(demo.diagnoses[WITH][demo.shown], "diagnosis")
+    diagnosis = build_part(demo.diagnoses[WITH][demo.shown_index], "diagnosis")
     study = build_study_part(demo.study, "study")
 
     comparison = Section(

@@ -33,7 +33,7 @@ TEST_PAGE = PAGE.with_name(f"{STUDY}.md")
 MARKER = "<!-- Made by `python -m swashtwin_bench.fair_test page` from here on. -->\n"
 """Line of the page below which the results stand."""
 
-SPREADS = {"1": "usual", "1-wide": "wide"}
+SPREADS = {"1": "standard", "1-wide": "wide"}
 """Spread of the pumps by version of the rig."""
 
 RELEVANT_DIFFERENCE = 0.05
@@ -102,7 +102,7 @@ class Contrast:
 
 PRIMARY = (
     Contrast("law_every_class", "no_gain_every_class", "wide", "without", "extra_trees", "L2"),
-    Contrast("nominal_every_class", "nominal", "usual", "with", "chosen"),
+    Contrast("nominal_every_class", "nominal", "standard", "with", "chosen"),
 )
 """The two primary contrasts, in the order of the page."""
 

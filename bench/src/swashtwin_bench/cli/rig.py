@@ -109,7 +109,7 @@ def _format_command(*arguments: object) -> str:
 class Spread(StrEnum):
     """How far the pumps of the rig lie from their drawing."""
 
-    usual = "usual"
+    standard = "standard"
     wide = "wide"
 
 
@@ -133,9 +133,9 @@ def rig(
     spread: Annotated[
         Spread,
         typer.Option(
-            help="Spread of the pumps: usual; or wide, further from their drawing (version 1 only)."
+            help="Spread of the pumps: standard; or wide, further from their drawing (version 1 only)."
         ),
-    ] = Spread.usual,
+    ] = Spread.standard,
     sensor_count: Annotated[
         int,
         typer.Option(

@@ -133,7 +133,7 @@ def rig(
     spread: Annotated[
         Spread,
         typer.Option(
-            help="Spread of the pumps: standard; or wide, further from their drawing (version 1 only)."
+            help="Spread of the pumps: standard; or wide, further from their drawing (version 1)."
         ),
     ] = Spread.standard,
     sensor_count: Annotated[

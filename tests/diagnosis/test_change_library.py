@@ -335,6 +335,20 @@ def test_the_commands_go_from_a_plant_s_faults_to_another_machine(folder: Path) 
     assert "hold a recording twice" in " ".join(refused.stderr.split())
 
 
+def test_a_machine_may_be_in_one_of_several_indexes(folder: Path) -> None:
+    names = ("--specimen", "A", "--specimen", "D")
+    out = ("--out", folder / "several.safetensors")
+    # D is in the second index, which has no fault of it
+    refused = run("model", "library", folder / "plant", folder / "healthy", *names, *out, code=3)
+    assert "No fault of D was recorded" in " ".join(refused.stderr.split())
+
+    refused = run("model", "library", folder / "plant", *names, *out, code=3)
+    assert "No source has the machine 'D'" in " ".join(refused.stderr.split())
+    names = ("--specimen", "Z")
+    refused = run("model", "library", folder / "plant", *names, *out, code=3)
+    assert "has no recording of the machine 'Z'" in " ".join(refused.stderr.split())
+
+
 def test_recordings_of_the_library_are_not_scored(folder: Path) -> None:
     prior = PriorClassifier.load(folder / "prior.safetensors")
     model, use = fit_with_library(prior, plant("D")[:4], measure_library(plant(), PUMP))

@@ -447,7 +447,11 @@ def library(
     pump: PumpName = "25scy14-1b",
     specimens: Annotated[
         list[str] | None,
-        typer.Option("--specimen", help="Use only recordings of this machine. Repeatable."),
+        typer.Option(
+            "--specimen",
+            help="Use only recordings of this machine from the indexes. Libraries are used as a "
+            "whole. Repeatable.",
+        ),
     ] = None,
     force: Force = False,
     as_json: Json = False,
@@ -468,6 +472,10 @@ def library(
     with progress("measuring band powers"):
         parts = [_read_library(source, pump, specimens or []) for source in sources]
     joined = join_libraries(parts)
+    machine_names = [member.name for member in joined.pumps]
+    for name in specimens or []:
+        if name not in machine_names:
+            raise InputError(f"No source has the machine {name!r}.", field="specimen")
     joined.save(out)
 
     machines = [
@@ -510,7 +518,7 @@ def _read_library(source: Path, pump: str, specimens: Sequence[str]) -> "ChangeL
         for recording in load_recordings(source)
         if not specimens or recording.specimen in specimens
     ]
-    for name in specimens:
-        if all(recording.specimen != name for recording in recordings):
-            raise InputError(f"{source} has no recording of the machine {name!r}.")
+    if specimens and not recordings:
+        names = " or ".join(map(repr, specimens))
+        raise InputError(f"{source} has no recording of the machine {names}.", field="specimen")
     return measure_library(recordings, load_pump(pump), fault_of=declared_faults(source))

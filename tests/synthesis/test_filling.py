@@ -172,6 +172,9 @@ def test_faults_come_from_the_settings_a_calibration_or_the_name_of_the_class(
     assert piston_of(PUMP, fault_of={"piston": worn}) == ((worn,), False)
     of_worn_pump = replace(calibration, twin=calibration.twin.with_fault(worn))
     assert piston_of(of_worn_pump) == ((worn,), False)
+    less_worn = PistonWear(clearance=um(50))
+    of_other = replace(calibration, twin=calibration.twin.with_fault(less_worn))
+    assert piston_of([of_worn_pump, of_other]) == ((worn, less_worn), False)
 
     # also if the recordings name the part otherwise
     in_german = replace(measured, classes=("normal", "swash_plate", "Kolbenverschleiss"))

@@ -78,8 +78,8 @@ class Filling:
         that have a short cell; ``"all"`` every class at every operating point.
     count : synthetic windows of each filled cell.
     fault_of : fault that twins simulate for a class: a fault, the name of a typical one, or several
-        that take turns. By default it is that of a calibration, or the typical one that the name of
-        the class suggests. Classes that no recording has are added.
+        that take turns. By default these are those of all calibrations, or the typical one that the
+        name of the class suggests. Classes that no recording has are added.
     seed : seed of all draws.
 
     Examples
@@ -205,9 +205,9 @@ class Filling:
             kind = ""
 
         calibrated = [_calibrated_fault(calibration) for calibration in self.calibrations]
-        for fault in calibrated:
-            if fault is not None and fault.label in (label, kind):
-                return (fault,)
+        faults = [fault for fault in calibrated if fault and fault.label in (label, kind)]
+        if faults:
+            return tuple(dict.fromkeys(faults))
         return _read_faults(label, kind) if kind else ()
 
 

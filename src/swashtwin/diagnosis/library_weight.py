@@ -37,7 +37,7 @@ of version 2 of the rig by 0.02 to 0.05, and with two, only one is left to learn
 MAX_DISTANCE_RATIO = 1.5
 """Distance of spectra, over the median distance to the nearest neighbor in the library, up to which
 machines are alike. On fleets 110 to 112 of the rig, the nearest machine of the same version is at
-up to 1.3, that of another version at 1.4 to 7; at 1.5, three of another version never were."""
+up to 1.3, that of another version at 1.4 (versions 1 and 2) to 7 (version 3)."""
 
 # Share of a machine's bands that another one may lack: the exact speed decides whether the highest
 # band lies below half the sample rate.

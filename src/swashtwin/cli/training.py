@@ -398,7 +398,8 @@ def confidence_advice(fitted: "FittedClassifier") -> str:
         reason = fitted.choice.reason or "no class has two recordings to compare"
         return f"cross-validation was not possible: {reason}"
 
-    n_recordings = len(fitted.manifest)
+    # A synthetic window is listed too, but was not read from a recording.
+    n_recordings = sum(bool(content) for content in fitted.manifest.values())
     share, n_validation = validation_share(n_recordings)
     if n_validation < 2:
         return f"this requires more recordings than the {n_recordings} it was trained on"

@@ -293,6 +293,35 @@ def test_unsuitable_recordings_are_refused(recordings: list[Recording], message:
         measure_library(recordings, PUMP)
 
 
+def faults_at_another_speed() -> list[Recording]:
+    """Return the recordings of a machine, with its faults at a speed of no healthy one."""
+    first, *others = plant()[4:7]
+    assert first.condition is not None
+    faster = first.condition.replace(speed=rpm(1200))
+    faulty = [member.replace(condition=faster) for member in (first, *others)]
+    return [*plant()[:4], *faulty]
+
+
+def test_a_change_of_speed_is_not_learned_as_a_fault(folder: Path) -> None:
+    message = r"3 recordings of faults ran at another speed .*\(A 4: 1200 rev/min, healthy: 960 "
+    with pytest.raises(DataError, match=message):
+        measure_library(faults_at_another_speed(), PUMP)
+
+    # a machine's own faults teach its classifier as well
+    prior = PriorClassifier.load(folder / "prior.safetensors")
+    with pytest.raises(DataError, match=message):
+        prior.fit(faults_at_another_speed())
+
+
+def test_an_index_is_not_taken_for_a_damaged_library(folder: Path) -> None:
+    for index in (folder / "plant", folder / "plant" / "recordings.toml"):
+        arguments = (folder / "prior.safetensors", folder / "healthy", "--library", index)
+        refused = run("model", "adapt", *arguments, "--out", folder / "none.safetensors", code=3)
+        message = " ".join(refused.stderr.split())
+        assert "is an index of recordings, not a library" in message
+        assert "swashtwin model library" in message
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with a plant of three machines, a fourth one's recordings, and a poor prior."""
@@ -320,7 +349,12 @@ def test_the_commands_go_from_a_plant_s_faults_to_another_machine(folder: Path) 
 
     arguments = (folder / "prior.safetensors", folder / "healthy", "--library", pumps)
     adapted = run("model", "adapt", *arguments, "--out", model, "--json")
-    use = json.loads(adapted.stdout)["library"]
+    result = json.loads(adapted.stdout)
+    assert result["faults"] == {}
+    assert result["recordings"] == [f"D {number}" for number in range(4)]
+    use = result["library"]
+    assert use["faults"] == {"piston": 9}
+    assert len(use["recordings"]) == 21
     assert use["weight"] > 0
     assert use["machines"] == 3
     assert use["accuracy"]["0"] < use["accuracy"][f"{use['weight']:g}"]
@@ -354,7 +388,8 @@ def test_recordings_of_the_library_are_not_scored(folder: Path) -> None:
     model, use = fit_with_library(prior, plant("D")[:4], measure_library(plant(), PUMP))
 
     assert use.weight > 0
-    assert model.taught == {"piston": 9}
+    assert use.taught == {"piston": 9}
+    assert not model.taught
     with pytest.raises(LeakError, match="A 4 and 2 more had a part in the model"):
         model.evaluate(plant()[4:7])
     assert build_manifest(plant("D")[:1]).items() <= model.manifest.items()

@@ -410,7 +410,7 @@ def adapt(
         "classes": model.classes,
         "healthy": len(model.specimen),
         "faults": dict(model.taught),
-        "recordings": sorted(model.manifest),
+        "recordings": sorted(recording.recording_id for recording in recordings),
         "library": None if use is None else use.to_dict(),
     }
 

@@ -15,7 +15,13 @@ from jaxtyping import Float64
 
 from swashtwin.foundation import DataError, InputError, load_artifact, plural, save_artifact
 from swashtwin.pump import Nameplate
-from swashtwin.recordings import Manifest, describe_copies, find_copies, join_manifests
+from swashtwin.recordings import (
+    Manifest,
+    describe_copies,
+    find_copies,
+    is_store,
+    join_manifests,
+)
 
 _VERSION = 1
 
@@ -94,8 +100,19 @@ class ChangeLibrary:
 
         Errors: see `load_model`.
         """
+        if _is_index(Path(path)):
+            raise InputError(
+                f"{path} is an index of recordings, not a library; make a library of it first with "
+                "swashtwin model library."
+            )
         advice = "make it with swashtwin model library"
         return load_artifact(path, cls, cls.KIND, _VERSION, advice=advice, may_be_nan=None)
+
+
+def _is_index(path: Path) -> bool:
+    if path.is_dir():
+        return True
+    return path.is_file() and (path.suffix == ".toml" or is_store(path))
 
 
 def join_libraries(libraries: Sequence[ChangeLibrary]) -> ChangeLibrary:

@@ -36,8 +36,9 @@ def measure_library(
     Raises
     ------
     DataError
-        A recording has no class, is synthetic or cannot be used, or a machine has no fault or no
-        healthy recording.
+        A recording has no class, is synthetic or cannot be used, a fault was recorded at another
+        speed than its machine's healthy recordings, or a machine has no fault or no healthy
+        recording.
     InputError
         The design has no rated speed and pressure.
     """
@@ -75,7 +76,7 @@ def _measure_pump(
 
     reference = _make_reference(healthy[0], pump).with_healthy(healthy)
     is_measured = np.isfinite(reference.band_powers).all(axis=0)
-    changes = [np.where(is_measured, reference.change(member)[0], np.nan) for member in faulty]
+    changes = [np.where(is_measured, change, np.nan) for change in reference.fault_changes(faulty)]
     return LibraryPump(
         name=name,
         nameplate=_nameplate_of(pump),

@@ -78,6 +78,7 @@ class LibraryUse:
             "weight": self.weight,
             "machines": self.n_pumps if self.weight else 0,
             "faults": dict(self.taught),
+            "recordings": sorted(self.manifest),
             "accuracy": {f"{weight:g}": value for weight, value in self.accuracy.items()},
             "sentence": self.sentence,
             "notes": list(self.notes),
@@ -105,12 +106,7 @@ def fit_with_library(
 
 def add_provenance(model: PriorClassifier, use: LibraryUse) -> PriorClassifier:
     """Return a classifier that lists the recordings of a library among those it learned from."""
-    counts = {name: model.taught.get(name, 0) + use.taught.get(name, 0) for name in model.classes}
-    return replace(
-        model,
-        taught={name: count for name, count in counts.items() if count},
-        manifest=join_manifests([model.manifest, use.manifest]),
-    )
+    return replace(model, manifest=join_manifests([model.manifest, use.manifest]))
 
 
 def weigh_library(machine: PriorClassifier, library: ChangeLibrary, *, seed: int = 0) -> LibraryUse:

@@ -62,6 +62,7 @@ from swashtwin.recordings import (
     describe_sensor_doubts,
     find_exact_copies,
     join_manifests,
+    join_names,
     specified_pressure,
     summarize_recordings,
 )
@@ -140,7 +141,8 @@ class PriorClassifier:
     fault_of: Mapping[str, str] = field(default_factory=dict)
     """Class of the prior that a label of the recordings stands for."""
     taught: Mapping[str, int] = field(default_factory=dict)
-    """Number of measured faults of each class that it was trained on."""
+    """Number of measured faults of each class of the machines themselves that it was trained on;
+    those of a library only stand in `manifest`."""
     manifest: Manifest = field(default_factory=dict)
     """Recordings that had a part in it, by id and content."""
 
@@ -198,8 +200,9 @@ class PriorClassifier:
         ------
         DataError
             There is no healthy recording, the virtual pumps lack a channel, a speed or a pressure
-            lies outside the prior's range, the prior does not know a class, a recording cannot be
-            used, or the classifier is adapted already.
+            lies outside the prior's range, the prior does not know a class, a fault was recorded
+            at another speed than the healthy recordings, a recording cannot be used, or the
+            classifier is adapted already.
         """
         prior, changes, fault_classes = self.compare_with(recordings, pistons, fault_of)
         return prior.fit_band_powers(changes, fault_classes, seed=seed)
@@ -250,7 +253,7 @@ class PriorClassifier:
             },
             manifest=join_manifests([self.manifest, build_manifest(recordings)]),
         )
-        return adapted, [adapted.change(recording)[0] for recording in faulty], fault_classes
+        return adapted, adapted.fault_changes(faulty), fault_classes
 
     def for_machine(
         self, channels: tuple[str, ...], unit: str, pistons: int | None = None
@@ -379,6 +382,43 @@ class PriorClassifier:
         """
         comparison, notes = self._compare(recording)
         return comparison.change, notes
+
+    def fault_changes(
+        self, recordings: Sequence[Recording]
+    ) -> list[Float64[np.ndarray, "channel level"]]:
+        """Return the change of each recording of a fault, as an example to learn from.
+
+        Raises
+        ------
+        DataError
+            As `change` does, or there are healthy recordings at the pressure of a fault, but at
+            another speed: the change of speed would be learned as the fault.
+        """
+        self._require_same_speed(recordings)
+        return [self.change(recording)[0] for recording in recordings]
+
+    def _require_same_speed(self, recordings: Sequence[Recording]) -> None:
+        """Raise a `DataError` if recordings can only be compared with ones at another speed."""
+        speeds = []
+        for recording in recordings:
+            references, _ = self._find_references(recording)
+            speed = 2 * math.pi * require_shaft_frequency(recording)
+            healthy_speed = self.point_speed[references]
+            if not values_match(healthy_speed, speed, SPEED_TOLERANCE).any():
+                speeds.append((recording.recording_id, speed, float(np.median(healthy_speed))))
+        if not speeds:
+            return
+
+        names = [name for name, _, _ in speeds]
+        first_name, speed, healthy_speed = speeds[0]
+        ran = "recording of a fault ran" if len(speeds) == 1 else "recordings of faults ran"
+        raise DataError(
+            f"{len(speeds)} {ran} at another speed than the healthy recordings of the machine at "
+            f"this pressure ({first_name}: {speed * _RAD_S_TO_RPM:.4g} rev/min, healthy: "
+            f"{healthy_speed * _RAD_S_TO_RPM:.4g} rev/min), so the change of speed would be "
+            f"learned as the fault: {join_names(names)}. Record healthy ones at this speed, or "
+            "leave these recordings out."
+        )
 
     def _compare(self, recording: Recording) -> tuple[HealthyComparison, tuple[str, ...]]:
         """Return the comparison with healthy recordings, and notes. Errors: see `change`."""

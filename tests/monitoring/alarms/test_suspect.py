@@ -394,7 +394,7 @@ def test_a_suspect_learns_from_measured_faults_of_other_machines(tmp_path: Path)
         Suspects().name(machine, POINT, learned().baseline, loud)
     model = caught.value.request.adapt()
 
-    assert model.taught == {"piston": 9}
+    assert not model.taught
     assert "A" not in model.specimen
     assert model.diagnose(loud.replace(specimen="pump-1")).label == "piston"
     assert set(library.manifest) <= set(model.manifest)

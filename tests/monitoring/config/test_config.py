@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from saved_kinds import write_library
 
 from swashtwin.foundation import SwashTwinError, rpm
 from swashtwin.monitoring.config.config_file import load_watch_config, write_example
@@ -52,9 +53,9 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
     # Comments with an entry or a table; the others are sentences.
     text = re.sub(r"^# (.*(?:=|\[\[).*)$", r"\1", path.read_text(encoding="utf-8"), flags=re.M)
     path.write_text(text, encoding="utf-8")
-    files = ("model.safetensors", "prior.safetensors", "pumps.safetensors", "calibration.json")
-    for name in files:
+    for name in ("model.safetensors", "prior.safetensors", "calibration.json"):
         (tmp_path / name).touch()
+    write_library(tmp_path)
 
     # Both characters have a meaning in a URL.
     names = ("HISTORY_PASSWORD", "MQTT_PASSWORD", "WEBHOOK_TOKEN", "MAIL_PASSWORD")
@@ -94,6 +95,8 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
         ("[[machine]]\nname='p'\npump='nosuch'", "Unknown pump 'nosuch'"),
         ("[[machine]]\nname='p'\nmodel='m.safetensors'", "does not exist"),
         ("[[machine]]\nname='p'\nlibrary='m.safetensors'", "library: the file .* does not exist"),
+        # the file of the configuration is one of another kind
+        ("[[machine]]\nname='p'\nlibrary='watch.toml'", "library: .* is an index of recordings"),
         ("[[machine]]\nname='p'\ncalibration='m.json'", "specify pump or pistons too"),
         ("[[machine]]\nname='p'\npump='25scy14-1b'\npistons=9", "specify only one of the two"),
         ("[[machine]]\nname='p'\nchannels=['x', 'x']", "contains a name twice"),

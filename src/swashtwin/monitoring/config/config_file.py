@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
 
+from swashtwin.diagnosis import ChangeLibrary
 from swashtwin.foundation import (
     DataError,
     InputError,
@@ -222,6 +223,11 @@ def _check_machine(machine: Machine) -> None:
         _require_file("prior", Path(machine.prior))
     if machine.library is not None:
         _require_file("library", machine.library)
+        # A file of another kind must fail now, not at the first alarm.
+        try:
+            ChangeLibrary.load(machine.library)
+        except SwashTwinError as cause:
+            raise cause.with_context("library: ") from cause
     if machine.tags_zone is not None:
         try:
             read_zone(machine.tags_zone)

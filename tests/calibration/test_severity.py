@@ -1,7 +1,7 @@
 """Severity by inversion: recovered from a twin's recordings, and reported if it cannot be."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +19,8 @@ from swashtwin.calibration import (
     estimate_severity,
 )
 from swashtwin.calibration.fault_dimensions import build_fault_space
+from swashtwin.calibration.severity import doubt
+from swashtwin.calibration.severity.doubt import Mistake, explain_doubt
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
 from swashtwin.calibration.severity.profile_likelihood import (
     ProfileProblem,
@@ -31,7 +33,7 @@ from swashtwin.calibration.severity.severity_result import (
     combine_mistakes,
 )
 from swashtwin.calibration.severity.severity_search import _estimate_severity
-from swashtwin.foundation import DataError, InputError, deg, mm, um
+from swashtwin.foundation import DataError, InputError, deg, mm, random_stream, um
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import (
     BoreDefect,
@@ -200,6 +202,31 @@ def test_a_calibration_in_doubt_that_nothing_explains_limits_no_severity(
         and "no severity is called identified" in note
         for note in trend.notes
     )
+
+
+def test_a_doubt_is_explained_by_the_recordings_of_the_calibration_alone(
+    calibration: Calibration, healthy: list[Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refitted: list[Recording] = []
+
+    def record_refit(
+        original: Calibration, recordings: Sequence[Recording], mistake: Mistake
+    ) -> Calibration:
+        refitted.extend(recordings)
+        return original
+
+    monkeypatch.setattr(doubt, "_calibrate_again", record_refit)
+
+    # of another machine, and of this one under another name
+    namesake = Recording(
+        signal=random_stream(0, "another machine").normal(size=healthy[0].signal.shape),
+        sample_rate=healthy[0].sample_rate,
+        channels=healthy[0].channels,
+        recording_id=healthy[0].recording_id,
+    )
+    renamed = healthy[0].replace(recording_id="renamed")
+    explain_doubt(calibration, [namesake, renamed])
+    assert {recording.recording_id for recording in refitted} == {"renamed"}
 
 
 def calibrate_with(machine: Twin, healthy: Recording, nuisances: Nuisances) -> Calibration:

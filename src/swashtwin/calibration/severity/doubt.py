@@ -34,7 +34,7 @@ from swashtwin.calibration.spectrum_objective import Objective, build_objective
 from swashtwin.calibration.unknowns import SCALE_NAMES
 from swashtwin.foundation import DataError
 from swashtwin.physics import Topology
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, build_manifest, find_copies
 
 _REFIT = GaussNewton(starts=1, max_iterations=8)
 
@@ -115,9 +115,10 @@ def explain_doubt(
     ----------
     healthy : recordings of the calibration.
     """
-    used = [
-        recording for recording in healthy if recording.recording_id in calibration.recording_ids
-    ]
+    # by content: recordings of other machines may have the same names
+    used_ids = find_copies(calibration.recording_hashes, build_manifest(healthy))
+    used = [recording for recording in healthy if recording.recording_id in used_ids]
+
     # without a misfit only priors are strained, and wider ones answer that
     mistakes = _list_mistakes(calibration)
     if calibration.misfit <= DOUBTFUL_MISFIT:

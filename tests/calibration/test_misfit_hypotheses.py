@@ -15,10 +15,12 @@ from swashtwin.calibration import (
     Objective,
     build_objective,
     calibrate,
+    drawing_errors,
     is_warning,
     measure,
 )
-from swashtwin.calibration.drawing_errors import ALL_PORTS
+from swashtwin.calibration.discrepancy import linearize
+from swashtwin.calibration.drawing_errors import ALL_PORTS, score_drawing
 from swashtwin.calibration.misfit_hypotheses import find_suspected_mistakes
 from swashtwin.calibration.posterior import (
     MAX_MISFIT,
@@ -253,3 +255,14 @@ def test_a_correct_drawing_causes_no_warning_with_the_default_nuisances(
     healthy: Twin, healthy_recording: Recording
 ) -> None:
     assert not warnings_of(calibrate(healthy, [healthy_recording], method=QUICK))
+
+
+def test_a_number_that_changes_no_line_is_not_judged(
+    objective: Objective, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pressure = drawing_errors.DRAWING_ERRORS[0]
+    without_effect = replace(pressure, change=lambda twin, size: twin)
+    monkeypatch.setattr(drawing_errors, "DRAWING_ERRORS", (without_effect, pressure))
+
+    (score,) = score_drawing(linearize(objective, objective.unknowns.start))
+    assert score.error is pressure

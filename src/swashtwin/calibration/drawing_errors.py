@@ -26,6 +26,11 @@ from swashtwin.physics import Twin
 ALL_PORTS = ("suction_open", "suction_close", "discharge_open", "discharge_close")
 """Angles of the valve plate that a plate in another position moves together."""
 
+MIN_INFORMATION = 1e-6
+"""Information below which lines show nothing of a number: its error is then uncertain by a factor
+of e^1000, or by 1000 rad.
+"""
+
 
 @dataclass(frozen=True)
 class DrawingError:
@@ -146,7 +151,9 @@ class ScoreTest:
 
 
 def score_drawing(linearization: Linearization) -> tuple[ScoreTest, ...]:
-    """Return what the lines at a linearized optimum show of each of `DRAWING_ERRORS`."""
+    """Return what the lines at a linearized optimum show of each of `DRAWING_ERRORS` that they
+    depend on.
+    """
     objective = linearization.objective
     unknowns = objective.unknowns
     sigma = linearization.sigma
@@ -168,6 +175,8 @@ def score_drawing(linearization: Linearization) -> tuple[ScoreTest, ...]:
         # what no coordinate can take up
         column = column - directions @ (directions.T @ column)
         information = float(column @ column)
+        if information < MIN_INFORMATION:
+            continue
         score = float(column @ residual)
         tests.append(ScoreTest(error, score / information, score**2 / information))
     return tuple(tests)

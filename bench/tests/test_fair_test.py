@@ -1,6 +1,7 @@
 """The second fair test: its roles, windows with a healthy reference, and the page of its results."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -177,6 +178,23 @@ def test_the_primary_contrasts_are_trainings_of_the_study() -> None:
         assert {contrast.first, contrast.second} <= set(plan.training_sets)
 
 
+def test_the_page_states_the_primary_contrasts() -> None:
+    page = fair_test.TEST_PAGE.read_text(encoding="utf-8")
+    classifiers = {"extra_trees": "extra trees", "chosen": "default training"}
+    pumps = {"L2": "trained pumps (L2)", "L4": "new pumps (L4)"}
+    for number, contrast in enumerate(PRIMARY, 1):
+        assert (
+            f"{number}. `{contrast.first}` minus `{contrast.second}`: {contrast.spread} spread, "
+            f"{contrast.reference} reference, {classifiers[contrast.classifier]}, "
+            f"{pumps[contrast.split]}."
+        ) in page
+
+
+def test_the_second_primary_contrast_is_what_the_default_training_sees() -> None:
+    # it compares whole recordings with healthy ones, and windows of twins are none
+    assert (PRIMARY[1].classifier, PRIMARY[1].reference) == ("chosen", "without")
+
+
 def scores_of(contrast: Contrast, gains: list[int]) -> list[Score]:
     """Return scores of two pumps in which the first training set names more recordings right."""
     scores = []
@@ -237,23 +255,48 @@ def test_the_interval_of_an_accuracy_is_wider_than_that_of_independent_recording
     assert high - low > 0.4
 
 
-def test_runs_are_collected_from_the_folders_of_the_study(tmp_path: Path) -> None:
+def write_run(folder: Path, key: str, version: str = "1-wide") -> Path:
+    """Write the run of one training, and return its folder."""
     run = {
-        "key": "seed40-x",
+        "key": key,
         "seed": 40,
-        "origin": "Recordings of the swashtwin virtual rig, version 1-wide: a stand-in.",
+        "origin": f"Recordings of the swashtwin virtual rig, version {version}: a stand-in.",
         "factors": {"classifier": "extra_trees", "training_set": "nominal", "reference": "with"},
         "rows": [
             {"split": "L4", "correct_recordings": {"A": [3, 4]}, "scarce_recall": 0.25},
             {"split": "L2", "correct_recordings": {"B": [4, 4]}, "scarce_recall": 0.5},
         ],
     }
-    file = tmp_path / "fair-test-2" / "seed40-x" / "result.json"
+    file = folder / "fair-test-2" / key / "result.json"
     file.parent.mkdir(parents=True)
     file.write_text(json.dumps(run))
+    return file.parent
+
+
+def test_runs_are_collected_from_the_folders_of_the_study(tmp_path: Path) -> None:
+    write_run(tmp_path, "seed40-x")
 
     trained, new = fair_test.collect_runs([tmp_path, tmp_path])
     assert (new.spread, new.fleet, new.split, new.accuracy) == ("wide", 40, "L4", 0.75)
     assert (trained.split, trained.accuracy) == ("L2", 1.0)
     with pytest.raises(InputError, match="has no run of fair-test-2"):
         fair_test.collect_runs([tmp_path / "fair-test-2"])
+
+
+def test_two_runs_of_one_training_are_reported_with_the_one_to_delete(tmp_path: Path) -> None:
+    # a run that is repeated after a fix has another key
+    second = write_run(tmp_path, "seed40-a")
+    first = write_run(tmp_path, "seed40-b")
+    os.utime(first / "result.json", (0, 0))
+
+    with pytest.raises(InputError) as error:
+        fair_test.collect_runs([tmp_path])
+    assert str(second) in str(error.value)
+    assert str(error.value).endswith(f"Delete the earlier one: {first}.")
+
+
+def test_a_run_on_another_rig_is_reported(tmp_path: Path) -> None:
+    folder = write_run(tmp_path, "seed40-x", version="2")
+    with pytest.raises(InputError, match="is a run on version 2 of the rig") as error:
+        fair_test.collect_runs([tmp_path])
+    assert str(folder) in str(error.value)

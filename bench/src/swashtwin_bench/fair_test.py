@@ -102,7 +102,8 @@ class Contrast:
 
 PRIMARY = (
     Contrast("law_every_class", "no_gain_every_class", "wide", "without", "extra_trees", "L2"),
-    Contrast("nominal_every_class", "nominal", "standard", "with", "chosen"),
+    # windows of 80 ms are not compared with healthy ones in the default training
+    Contrast("nominal_every_class", "nominal", "standard", "without", "chosen"),
 )
 """The two primary contrasts, in the order of the page."""
 
@@ -124,9 +125,11 @@ def collect_runs(folders: Sequence[Path]) -> list[Score]:
     Raises
     ------
     InputError
-        A folder has no run of the study.
+        A folder has no run of the study, a run is of another rig, or two runs are of the same
+        fleet and training.
     """
-    scores: dict[tuple[str, str], Score] = {}
+    scores: dict[tuple[str, ...], Score] = {}
+    files_of_scores: dict[tuple[str, ...], Path] = {}
     for folder in folders:
         files = sorted(folder.glob(f"{STUDY}/*/result.json"))
         if not files:
@@ -134,14 +137,35 @@ def collect_runs(folders: Sequence[Path]) -> list[Score]:
 
         for file in files:
             run = json.loads(file.read_text(encoding="utf-8"))
-            for score in _scores_of(run):
-                scores[score.run, score.split] = score
+            for score in _scores_of(run, file):
+                cell = (*_place_of(score), score.training_set, str(score.fleet), score.split)
+                if cell in scores and scores[cell].run != score.run:
+                    raise _duplicate_error(score, files_of_scores[cell], file)
+                scores[cell] = score
+                files_of_scores[cell] = file
 
     return sorted(scores.values(), key=lambda score: (score.run, score.split))
 
 
-def _scores_of(run: Run) -> Iterator[Score]:
+def _duplicate_error(score: Score, *files: Path) -> InputError:
+    """Return the error of two runs of one fleet and training, such as one before a fix."""
+    earlier, later = sorted(files, key=lambda file: file.stat().st_mtime)
+    return InputError(
+        f"Two runs train {score.classifier} on {score.training_set}, {score.reference} reference, "
+        f"for fleet {score.fleet} of the {score.spread} spread: {earlier.parent} and "
+        f"{later.parent}. Delete the earlier one: {earlier.parent}."
+    )
+
+
+def _scores_of(run: Run, file: Path) -> Iterator[Score]:
+    """Yield the scores of a run, which was read from `file`."""
     version = run["origin"].partition("version ")[2].partition(":")[0]
+    if version not in SPREADS:
+        raise InputError(
+            f"{file.parent} is a run on version {version or 'unknown'} of the rig; {STUDY} needs "
+            f"version {' or '.join(SPREADS)}. Delete this folder."
+        )
+
     for row in run["rows"]:
         counts = list(row["correct_recordings"].values())
         yield Score(

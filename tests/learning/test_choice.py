@@ -12,7 +12,7 @@ from swashtwin.learning import (
     cut_windows,
     fit_best_candidate,
 )
-from swashtwin.learning.choice.candidate_trials import _training_rows, _Views
+from swashtwin.learning.windows.splitting import fold_training_rows
 from swashtwin.recordings import Recording
 
 LENGTH = 256
@@ -134,11 +134,82 @@ def test_no_fold_trains_on_synthetic_windows_made_from_its_test_windows() -> Non
     # no synthetic window is tested on
     assert choice.n_windows == len(answers.target) == len(measured)
 
-    views = _Views(measured, copies, seed=0)
-    rows = _training_rows(views, np.flatnonzero(~is_tested), np.flatnonzero(is_tested))
-
     expected = {"B", "C", "D", "duplicates of B", "duplicates of C", "duplicates of D"}
-    assert set(views.windows.specimen[rows]) == expected
+    assert trained_specimens(measured + copies, is_tested) == expected
+
+
+def trained_specimens(windows: WindowSet, is_tested: np.ndarray) -> set[str]:
+    """Return the specimens of the windows that a fold trains on; the first windows are measured."""
+    rows = fold_training_rows(
+        windows.target, windows.specimen, windows.synthetic, np.flatnonzero(is_tested)
+    )
+    return set(windows.specimen[rows].tolist())
+
+
+def twin_windows(measured: WindowSet) -> WindowSet:
+    """Return windows as twins of the machines A and B, and of a type of pump, name them."""
+    names = {
+        "A": "twin of A",
+        "B": "twin of B",
+        "C": "twin of 25scy14-1b",
+        "D": "twin of 25scy14-1b",
+    }
+    return replace(
+        measured,
+        synthetic=np.ones(len(measured), dtype=bool),
+        specimen=np.array([names[name] for name in measured.specimen.tolist()]),
+        content={},
+    )
+
+
+def test_a_fold_that_holds_out_a_machine_does_not_train_on_its_twin() -> None:
+    measured = windows()
+    both = measured + twin_windows(measured)
+
+    expected = {"B", "C", "D", "twin of B", "twin of 25scy14-1b"}
+    assert trained_specimens(both, measured.specimen == "A") == expected
+
+    # a recording of A is held out, and the machine remains in training
+    one_recording = measured.recording_id == measured.recording_id[0]
+    assert trained_specimens(both, one_recording) == set(both.specimen.tolist())
+
+
+@pytest.mark.parametrize(("ending", "is_recognized"), [("", False), (" pump", True)])
+def test_a_trial_does_not_recognize_a_machine_by_its_twin(ending: str, is_recognized: bool) -> None:
+    # a line of each recording at random, which no class explains, and twins that repeat it
+    unexplained = []
+    for number, recording in enumerate(recordings()):
+        draw = np.random.default_rng(number)
+        phase = 2 * np.pi * draw.uniform(0.05, 0.45) * np.arange(4 * LENGTH)
+        signal = np.sin(phase) + 0.1 * draw.normal(size=(2, 4 * LENGTH))
+        unexplained.append(replace(recording, signal=signal))
+    measured = cut_windows(unexplained, length=LENGTH)
+    of_twins = replace(
+        measured,
+        synthetic=np.ones(len(measured), dtype=bool),
+        specimen=np.array([f"twin of {name}{ending}" for name in measured.specimen]),
+        content={},
+    )
+
+    _, choice, _ = choose_candidate(measured + of_twins)
+    assert (max(trial.clean for trial in choice.trials) > 0.9) == is_recognized
+
+
+def test_a_class_that_one_twin_alone_knows_stays_in_every_fold() -> None:
+    # nobody recorded the last class, and the twin of A alone simulates it
+    measured = windows()
+    unrecorded = measured.target == len(measured.classes) - 1
+    of_twins = twin_windows(measured)
+    kept = ~unrecorded | (of_twins.specimen == "twin of A")
+    both = measured.subset(~unrecorded) + of_twins.subset(kept)
+
+    tested = np.flatnonzero((both.specimen == "A") & ~both.synthetic)
+    rows = fold_training_rows(both.target, both.specimen, both.synthetic, tested)
+
+    trained = both.subset(rows)
+    assert set(trained.label.tolist()) == set(measured.classes)
+    from_a = trained.label[trained.specimen == "twin of A"]
+    assert set(from_a.tolist()) == {measured.classes[-1]}
 
 
 def test_invalid_training_data_and_error_rates_are_refused_before_any_trial() -> None:

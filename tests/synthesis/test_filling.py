@@ -11,6 +11,7 @@ from swashtwin.calibration import Calibration, GaussNewton, calibrate
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import InputError, MPa, mm, um
 from swashtwin.learning import WindowSet, cut_windows
+from swashtwin.learning.windows.splitting import fold_training_rows
 from swashtwin.pump import DamScratch, GrooveErosion, PistonWear, SwashPlateDefect
 from swashtwin.recordings import Recording
 from swashtwin.synthesis import FILLS, Filling, FillingPlan
@@ -117,6 +118,46 @@ def test_the_windows_are_those_of_the_plan(measured: WindowSet, calibration: Cal
 
     assert plan.twins_of(plan.filled[0]) == {"A": 2, f"nominal {PUMP}": 2}
     assert f"A (2), nominal {PUMP} (2)" in str(plan)
+
+
+def test_a_calibration_simulates_its_own_fault_with_its_own_law(
+    measured: WindowSet, calibration: Calibration
+) -> None:
+    # depth times C_sw is identified: the depth of one does not fit the other's C_sw
+    shallow, deep = (SwashPlateDefect(depth=mm(depth)) for depth in (0.05, 0.2))
+    with_shallow = replace(calibration, twin=calibration.twin.with_fault(shallow))
+    with_deep = replace(calibration, twin=calibration.twin.with_fault(deep))
+
+    def turns_of(sources: list[Any], **arguments: Any) -> list[tuple[int, object]]:
+        plan = Filling(sources, count=4, **arguments).plan(measured)
+        (cell, *_) = [cell for cell in plan.filled if cell.label == "swash_plate"]
+        assert sum(plan.twins_of(cell).values()) == 4
+        return plan.turns_of(cell)
+
+    assert turns_of([with_shallow, with_deep]) == [(0, shallow), (1, deep)]
+
+    # a twin without a fault of the class has those of the others in turns, and as many windows
+    assert turns_of([with_shallow, with_deep, PUMP]) == [
+        *((0, shallow), (1, deep), (2, shallow)),
+        *((0, shallow), (1, deep), (2, deep)),
+    ]
+    of_healthy = turns_of([with_shallow, calibration])
+    assert of_healthy == [(0, shallow), (1, shallow)]
+
+    # what the user specifies holds for every twin
+    specified = turns_of([with_shallow, with_deep], fault_of={"swash_plate": [deep]})
+    assert specified == [(0, deep), (1, deep)]
+
+
+def test_a_fold_without_a_machine_has_no_window_of_its_twin(
+    measured: WindowSet, calibration: Calibration
+) -> None:
+    both = measured + Filling([calibration, PUMP], count=2).plan(measured).simulate()
+    is_of_a = both.specimen == "A"
+
+    rows = fold_training_rows(both.target, both.specimen, both.synthetic, np.flatnonzero(is_of_a))
+
+    assert set(both.specimen[rows].tolist()) == {"B", f"twin of {PUMP}"}
 
 
 def test_the_windows_of_a_cell_do_not_depend_on_what_else_is_filled(measured: WindowSet) -> None:

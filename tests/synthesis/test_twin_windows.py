@@ -178,11 +178,12 @@ def test_a_twin_of_a_machine_has_its_gain_and_noise_alone(twin: Twin, measured: 
     assert simulate(both).std() > 1.2 * expected.std()
 
     # two machines take turns with their twins
-    turns = simulate_windows(
-        [twin, twin], count=6, like=both, seed=0, specimens=["quiet", "loud"]
-    ).signal
-    np.testing.assert_array_equal(turns[::2], expected[::2])
-    assert turns[1::2].std() > 2 * expected[1::2].std()
+    turns = simulate_windows([twin, twin], count=6, like=both, seed=0, specimens=["quiet", "loud"])
+    np.testing.assert_array_equal(turns.signal[::2], expected[::2])
+    assert turns.signal[1::2].std() > 2 * expected[1::2].std()
+
+    # folds that hold a machine out recognize its windows by this name
+    assert turns.specimen.tolist() == ["twin of quiet", "twin of loud"] * 3
 
 
 def test_the_pool_lends_noise_if_the_machine_has_no_healthy_windows_at_the_pressure(

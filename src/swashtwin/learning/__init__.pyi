@@ -83,6 +83,7 @@ from .training.training_settings import with_gains as with_gains
 from .training.training_settings import with_speed_changes as with_speed_changes
 from .windows.cutting import cut_windows as cut_windows
 from .windows.cutting import window_batches as window_batches
+from .windows.splitting import TWIN_OF as TWIN_OF
 from .windows.splitting import Fold as Fold
 from .windows.splitting import check_disjoint as check_disjoint
 from .windows.splitting import group_folds as group_folds

@@ -6,11 +6,11 @@ test recordings. A `Filling` therefore plans all cells together, and a `FillingP
 adds before anything is simulated.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -78,8 +78,9 @@ class Filling:
         that have a short cell; ``"all"`` every class at every operating point.
     count : synthetic windows of each filled cell.
     fault_of : fault that twins simulate for a class: a fault, the name of a typical one, or several
-        that take turns. By default these are those of all calibrations, or the typical one that the
-        name of the class suggests. Classes that no recording has are added.
+        that take turns. By default a calibration simulates the fault of the class that it
+        identified itself; the other twins simulate those of all calibrations in turns, or the
+        typical one that the name of the class suggests. Classes that no recording has are added.
     seed : seed of all draws.
 
     Examples
@@ -233,21 +234,55 @@ class FillingPlan:
         """Number of all synthetic windows."""
         return sum(cell.count for cell in self.cells)
 
-    @property
+    @cached_property
     def twin_names(self) -> list[str]:
         """Name of each twin: its machine if it was calibrated on one, else its pump."""
         names = []
-        for source in self.filling.sources:
+        for source, machine in zip(self.filling.sources, self.machines, strict=True):
             if isinstance(source, Calibration):
-                machine = machine_of(source, self.like)
                 names.append(machine or f"calibrated {source.nominal.pump.name}")
             else:
                 names.append(f"nominal {source.name}")
         return names
 
+    @cached_property
+    def machines(self) -> list[str]:
+        """Recorded machine that each twin was calibrated on; empty if it is not known."""
+        return [
+            machine_of(source, self.like) if isinstance(source, Calibration) else ""
+            for source in self.filling.sources
+        ]
+
+    def turns_of(self, cell: PlannedCell) -> list[tuple[int, Fault | None]]:
+        """Return whose turn it is in a cell: the index of each source, and what it simulates.
+
+        All sources have equally many turns.
+        """
+        faults = [self._faults_of(source, cell) for source in self.filling.sources]
+        n_rounds = math.lcm(*map(len, faults))
+        turns: list[tuple[int, Fault | None]] = []
+        for number in range(n_rounds):
+            for index, faults_of_source in enumerate(faults):
+                turns.append((index, faults_of_source[number % len(faults_of_source)]))
+        return turns
+
+    def _faults_of(self, source: TwinSource, cell: PlannedCell) -> tuple[Fault | None, ...]:
+        """Return the faults that a source simulates in a cell.
+
+        A calibration simulates its own fault if it is of the class: vibration identifies the depth
+        of a recess only as a product with the coefficients of the slippers' film (K_sw, C_sw), so
+        that the depth of one calibration does not fit the values of another.
+        """
+        is_specified = cell.label in self.filling.fault_of
+        if isinstance(source, Calibration) and not is_specified:
+            calibrated = _calibrated_fault(source)
+            if calibrated in cell.faults:
+                return (calibrated,)
+        return cell.faults
+
     def twins_of(self, cell: PlannedCell) -> dict[str, int]:
         """Return the number of windows of a cell by the name of their twin."""
-        names = self.twin_names
+        names = [self.twin_names[index] for index, _ in self.turns_of(cell)]
         return dict(Counter(names[index % len(names)] for index in range(cell.count)))
 
     @property
@@ -331,13 +366,14 @@ class FillingPlan:
         posteriors: list[Posterior | None] = []
         laws: list[FaultLaw | None] = []
         machines: list[str] = []
-        for fault, source in product(cell.faults, self.filling.sources):
+        for index, fault in self.turns_of(cell):
+            source = self.filling.sources[index]
             twin = _build_twin(source, cell.condition, fault)
             twins.append(_limit_bandwidth(twin, self.like.sample_rate))
             calibration = source if isinstance(source, Calibration) else None
             posteriors.append(None if calibration is None else calibration.posterior)
             laws.append(None if calibration is None else calibration.law)
-            machines.append("" if calibration is None else machine_of(calibration, self.like))
+            machines.append(self.machines[index])
 
         # Twins name their class by the part, recordings may name it otherwise.
         names = [*self.like.classes]
@@ -527,15 +563,17 @@ def _describe_twins(plan: FillingPlan) -> list[str]:
     if not plan.count:
         return []
 
-    notes = []
-    cell = plan.filled[0]
-    for name, source in zip(plan.twin_names, plan.filling.sources, strict=True):
-        twin = _build_twin(source, cell.condition, cell.faults[0])
-        if isinstance(source, Calibration):
-            open_questions = describe_uncalibrated(source, source.law, twin, plan.like)
-            notes += [f"{name}: {text}" for text in (source.doubt, *open_questions) if text]
+    notes: list[str] = []
+    for cell in plan.filled:
+        for index, fault in plan.turns_of(cell):
+            source = plan.filling.sources[index]
+            if isinstance(source, Calibration):
+                twin = _build_twin(source, cell.condition, fault)
+                texts = (source.doubt, *describe_uncalibrated(source, source.law, twin, plan.like))
+                notes += [f"{plan.twin_names[index]}: {text}" for text in texts if text]
+    notes = list(dict.fromkeys(notes))
 
-    described = {machine_of(calibration, plan.like) for calibration in plan.filling.calibrations}
+    described = set(plan.machines)
     machines = set(plan.like.specimen.tolist()) - {""}
     without_twin = sorted(machines - described)
     if described - {""} and without_twin:

@@ -17,7 +17,7 @@ from jaxtyping import Float, Shaped
 
 from swashtwin.calibration import Calibration, FaultLaw, Posterior
 from swashtwin.foundation import InputError, derive_seed, random_stream
-from swashtwin.learning import WindowSet, cut_windows
+from swashtwin.learning import TWIN_OF, WindowSet, cut_windows
 from swashtwin.physics import Twin, accelerations
 from swashtwin.pump import (
     PRESSURE_TOLERANCE,
@@ -324,7 +324,8 @@ def simulate_windows(
         from its estimate, and the noise rises with the depth.
     specimens : machine in `like` that each twin describes, or an empty text (`machine_of`). If
         `like` has healthy windows of that machine at the twin's pressure, noise and gain are those
-        of these windows alone. Without, they are those of all machines together.
+        of these windows alone. Without, they are those of all machines together. The windows are
+        of the specimen "twin of" this machine, or of the name of the pump.
 
     Raises
     ------
@@ -381,7 +382,7 @@ def simulate_windows(
         label=_class_among(like.classes, twins[0]),
         pressure=np.array([source.condition.discharge_pressure for source in sources]),
         speed=np.array([source.condition.speed for source in sources]),
-        specimen=np.array([f"twin of {source.pump.name}" for source in sources]),
+        specimen=np.array(_name_specimens(sources, machines), dtype=np.str_),
         seed=seed,
     )
 
@@ -395,6 +396,17 @@ def _machine_of_each(twins: Sequence[Twin], specimens: Sequence[str] | None) -> 
             f"There are {len(specimens)} specimens for {len(twins)} twins; give one for each."
         )
     return list(specimens)
+
+
+def _name_specimens(sources: Sequence[Twin], machines: Sequence[str]) -> list[str]:
+    """Return the specimen of each window: the twin of its machine, if it is known, or of its pump.
+
+    Folds that hold a machine out leave out windows with its name (`is_made_without`).
+    """
+    return [
+        f"{TWIN_OF}{machines[index % len(machines)] or source.pump.name}"
+        for index, source in enumerate(sources)
+    ]
 
 
 def _vary(source: Twin, law: FaultLaw | None, variation: Variation, seed: int, index: int) -> Twin:

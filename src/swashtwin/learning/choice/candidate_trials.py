@@ -26,8 +26,8 @@ from swashtwin.learning.training.training_settings import (
 )
 from swashtwin.learning.windows.splitting import (
     Fold,
+    fold_training_rows,
     group_folds,
-    is_made_without,
     window_groups,
     without_overlap,
 )
@@ -61,10 +61,11 @@ def choose_candidate(
 
     Measured windows are dealt into folds by specimen, else by condition, else by recording: the
     hardest grouping in which every class stands in two groups. Each candidate is trained on the
-    other folds and on the synthetic windows of other specimens. It is tested on the fold as it was
-    measured, under noise at 5 dB, and under gains of ±12 dB with speeds of ±2 %, by recording. The
-    first candidate whose score is within one standard error of the best (between the groups;
-    Breiman and others 1984, "Classification and Regression Trees") is chosen.
+    other folds and on the synthetic windows that were made without the tested fold
+    (`fold_training_rows`). It is tested on the fold as it was measured, under noise at 5 dB, and
+    under gains of ±12 dB with speeds of ±2 %, by recording. The first candidate whose score is
+    within one standard error of the best (between the groups; Breiman and others 1984,
+    "Classification and Regression Trees") is chosen.
 
     Returns
     -------
@@ -223,11 +224,14 @@ def _test_candidates(
     for name in networks:
         log_probability[name] = [np.full(shape, np.nan) for _ in _VIEWS]
 
-    for number, (trained, tested) in enumerate(folds):
+    windows = views.windows
+    for number, (_, tested) in enumerate(folds):
         report("trying candidates", number, len(folds))
-        is_used = np.isin(views.training_rows, _training_rows(views, trained, tested))
+        # The measured windows are the first ones, so that the indices of a fold hold for all.
+        trained = fold_training_rows(windows.target, windows.specimen, windows.synthetic, tested)
+        is_used = np.isin(views.training_rows, trained)
         features = views.training_features[is_used]
-        target = views.windows.target[views.training_rows[is_used]]
+        target = windows.target[views.training_rows[is_used]]
         values = [network.shaped(features) for network in networks.values()]
         # Together, so that the candidates share all draws and differ by their features only.
         solve_together(list(networks.values()), values, target, derive_seed(seed, "trial", number))
@@ -238,21 +242,6 @@ def _test_candidates(
                 log_probability[name][view][tested] = scores
     report("trying candidates", len(folds), len(folds))
     return log_probability
-
-
-def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np.ndarray:
-    """Return the windows to train a fold on.
-
-    These are the measured windows of the other folds, and the synthetic ones of other specimens, or
-    all synthetic ones if a class would be missing.
-    """
-    is_independent = is_made_without(views.synthetic.specimen, views.measured.specimen[tested])
-    n_measured = len(views.measured)
-    rows = np.concatenate([trained, n_measured + np.flatnonzero(is_independent)])
-    n_trained_classes = len(np.unique(views.windows.target[rows]))
-    if n_trained_classes < len(np.unique(views.windows.target)):
-        rows = np.concatenate([trained, np.arange(n_measured, len(views.windows))])
-    return rows
 
 
 def _out_of_fold_predictions(

@@ -24,7 +24,7 @@ from swashtwin.learning.recordings.recording_table import (
 from swashtwin.learning.training.confidence import fit_pooling
 from swashtwin.learning.training.out_of_fold import OutOfFoldPredictions
 from swashtwin.learning.training.training_settings import with_noise
-from swashtwin.learning.windows.splitting import is_made_without
+from swashtwin.learning.windows.splitting import fold_training_rows
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy
 from swashtwin.signals import NoiseKind
@@ -126,18 +126,9 @@ class _TrainingTables:
         return has_references and len(measured_classes) == self.n_classes
 
     def training_rows(self, tested: np.ndarray) -> np.ndarray:
-        """Return the recordings that train if some are tested.
-
-        These are the other measured ones, and the synthetic ones that were made without the tested
-        machines, or all synthetic ones if a class would be missing.
-        """
+        """Return the recordings that train if some are tested (`fold_training_rows`)."""
         specimen = np.array(self.table.specimen, dtype=np.str_)
-        is_measured = ~self.is_synthetic & ~np.isin(np.arange(len(self.target)), tested)
-        is_independent = self.is_synthetic & is_made_without(specimen, specimen[tested])
-        classes = np.unique(self.target[is_measured | is_independent])
-        if len(classes) < len(np.unique(self.target)):
-            is_independent = self.is_synthetic
-        return np.flatnonzero(is_measured | is_independent)
+        return fold_training_rows(self.target, specimen, self.is_synthetic, tested)
 
     def fit_heads(self, values: np.ndarray, rows: np.ndarray, seed: int) -> Heads:
         """Return heads fitted to some recordings and their noisy copies."""

@@ -287,17 +287,80 @@ def without_overlap(windows: WindowSet) -> WindowSet:
     return windows.subset(np.array(sorted(rows), dtype=np.int64))
 
 
-def is_made_without(
-    synthetic: Shaped[np.ndarray, " synthetic"], tested: Shaped[np.ndarray, " tested"]
-) -> Bool[np.ndarray, " synthetic"]:
-    """Return whether each synthetic specimen was made without the tested ones.
+TWIN_OF = "twin of "
+"""Prefix of the specimen of windows that a twin simulated: the twin of a machine, or, if it is of
+none or of one that was not recorded, of a type of pump.
+"""
 
-    A specimen named "... of NAME" was made from windows of NAME; a twin is named after the type of
-    its pump, not after a machine.
+
+def fold_training_rows(
+    target: Int[np.ndarray, " row"],
+    specimen: Shaped[np.ndarray, " row"],
+    is_synthetic: Bool[np.ndarray, " row"],
+    tested: Int[np.ndarray, " _tested"],
+) -> Int[np.ndarray, " _trained"]:
+    """Return the rows (windows or recordings) to train on if some measured rows are tested.
+
+    These are the other measured rows, and the synthetic rows that were made without the tested
+    ones (`is_made_without`). A class that would be missing, because no machine recorded it, has all
+    its synthetic rows: no tested row is of that class.
+
+    Parameters
+    ----------
+    target : index of the class of each row.
+    specimen : machine of each row.
+    tested : indices of the measured rows that the fold tests on.
     """
-    names = set(tested.tolist())
-    endings = tuple(f" of {name}" for name in names)
-    is_dependent = [
-        bool(name) and (name in names or name.endswith(endings)) for name in synthetic.tolist()
-    ]
-    return ~np.array(is_dependent, dtype=bool)
+    is_tested = np.zeros(len(target), dtype=bool)
+    is_tested[tested] = True
+    is_measured = ~is_synthetic & ~is_tested
+    is_independent = is_synthetic & is_made_without(
+        specimen, trained=specimen[is_measured], tested=specimen[is_tested]
+    )
+
+    is_trained = is_measured | is_independent
+    missing_classes = np.setdiff1d(target, target[is_trained])
+    is_trained |= is_synthetic & np.isin(target, missing_classes)
+    return np.flatnonzero(is_trained)
+
+
+def is_made_without(
+    synthetic: Shaped[np.ndarray, " synthetic"],
+    *,
+    trained: Shaped[np.ndarray, " trained"],
+    tested: Shaped[np.ndarray, " tested"],
+) -> Bool[np.ndarray, " synthetic"]:
+    """Return whether each synthetic specimen was made without the tested recordings.
+
+    A specimen "twin of NAME" has the fitted values, the noise and the gains of machine NAME. It
+    depends on the test if the whole machine is held out, which then stands for a new one. If other
+    recordings of the machine are trained on, the test is of a known machine, and its twin may
+    train. Any other "... of NAME" is made from windows of NAME, which may be the tested ones.
+
+    Parameters
+    ----------
+    synthetic : specimens of the synthetic windows.
+    trained, tested : specimens of the measured windows that are trained and tested on.
+
+    Examples
+    --------
+    >>> specimens = np.array(["twin of A", "copies of A", "twin of 25scy14-1b"])
+    >>> is_made_without(specimens, trained=np.array(["B"]), tested=np.array(["A"])).tolist()
+    [False, False, True]
+    >>> is_made_without(specimens, trained=np.array(["A"]), tested=np.array(["A"])).tolist()
+    [True, False, True]
+    """
+    tested_names = set(tested.tolist()) - {""}
+    held_out_machines = tested_names - set(trained.tolist())
+    dependent = {
+        *tested_names,
+        *(f"{TWIN_OF}{name}" for name in held_out_machines),
+    }
+    endings = tuple(f" of {name}" for name in tested_names)
+
+    names, index = np.unique(synthetic, return_inverse=True)
+    is_independent = []
+    for name in names.tolist():
+        is_copy = not name.startswith(TWIN_OF) and name.endswith(endings)
+        is_independent.append(name not in dependent and not is_copy)
+    return np.array(is_independent, dtype=bool)[index]

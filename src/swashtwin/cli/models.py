@@ -31,10 +31,10 @@ from swashtwin.cli.outputs import (
     require_page,
     write_page,
 )
-from swashtwin.foundation import InputError, plural
+from swashtwin.foundation import InputError, plural, to_table
 
 if TYPE_CHECKING:
-    from swashtwin.diagnosis import AlarmScores, ChangeLibrary, Exclusion
+    from swashtwin.diagnosis import AlarmScores, ChangeLibrary, Exclusion, LibraryPump
     from swashtwin.learning import ConfidenceScores, Scores
 
 _PRIOR_MARKS = artifact_marks("prior classifier")
@@ -478,28 +478,35 @@ def library(
             raise InputError(f"No source has the machine {name!r}.", field="specimen")
     joined.save(out)
 
-    machines = [
-        {
-            "machine": member.name,
-            "pistons": member.nameplate.piston_count,
-            "channels": member.channels,
-            "healthy": len(member.healthy),
-            "faults": {label: member.label.count(label) for label in dict.fromkeys(member.label)},
-        }
-        for member in joined.pumps
-    ]
+    machines = [_describe_machine(member) for member in joined.pumps]
 
     def show() -> None:
         rows = []
-        for member in joined.pumps:
-            faults = {label: member.label.count(label) for label in dict.fromkeys(member.label)}
-            counts = ", ".join(f"{format_label(name)} {n}" for name, n in faults.items())
-            rows.append((member.name, member.nameplate.piston_count, len(member.healthy), counts))
+        for machine in machines:
+            counts = ", ".join(f"{format_label(name)} {n}" for name, n in machine["faults"].items())
+            rows.append((machine["machine"], machine["pistons"], machine["healthy"], counts))
         header = ("machine", "pistons", "healthy", "recordings of faults")
         print_table(f"{out}: {plural(len(rows), 'machine')}", header, rows)
         print_text(f"Next: swashtwin model adapt PRIOR HEALTHY --library {out}")
 
     print_result({"library": out, "machines": machines}, as_json, show)
+
+
+def _describe_machine(member: "LibraryPump") -> dict[str, Any]:
+    """Return what a library holds of a machine, without its numbers."""
+    faults = dict.fromkeys(member.label)
+    severities: dict[str, list[str]] = {label: [] for label in faults}
+    for label, severity in zip(member.label, member.severity, strict=True):
+        severities[label].append(severity)
+    return {
+        "machine": member.name,
+        "pistons": member.nameplate.piston_count,
+        "nameplate": to_table(member.nameplate),
+        "channels": member.channels,
+        "healthy": len(member.healthy),
+        "faults": {label: member.label.count(label) for label in faults},
+        "severities": severities,
+    }
 
 
 def _read_library(source: Path, pump: str, specimens: Sequence[str]) -> "ChangeLibrary":

@@ -37,7 +37,8 @@ class LibraryPump:
     name: str
     """Machine."""
     nameplate: Nameplate
-    """Its number of pistons, displacement, rated speed and rated pressure."""
+    """Its number of pistons, displacement, rated speed and rated pressure, for readers of
+    ``model library --json``; `weigh_library` compares healthy spectra instead."""
     channels: tuple[str, ...]
     """Names of its sensors."""
     spectrum: Float64[np.ndarray, "channel band"]
@@ -50,7 +51,8 @@ class LibraryPump:
     label: tuple[str, ...]
     """Its fault."""
     severity: tuple[str, ...]
-    """Its severity, as the attribute `severity` of the recording specifies it; may be empty."""
+    """Its severity, as the attribute `severity` of the recording specifies it; may be empty. For
+    readers of ``model library --json``; it does not count in `weigh_library`."""
     manifest: Manifest
     """All recordings, by id and content."""
 

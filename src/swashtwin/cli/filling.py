@@ -79,6 +79,17 @@ def read_fault_texts(texts: Sequence[str] | None) -> dict[str, list[str]]:
     return faults
 
 
+def collect_fault_texts(index: Path, texts: Sequence[str] | None) -> dict[str, list[str]]:
+    """Return the faults that each class stands for, from an index and ``--fault-of``.
+
+    The option takes precedence over the index.
+    """
+    from swashtwin.recordings import declared_faults
+
+    declared = {label: [fault] for label, fault in declared_faults(index).items()}
+    return {**declared, **read_fault_texts(texts)}
+
+
 def fault_names(fault_texts: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """Return the name of the first fault of each class, without its dimensions."""
     return {label: fault_dimensions(texts[0])[0] for label, texts in fault_texts.items()}

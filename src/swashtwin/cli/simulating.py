@@ -18,12 +18,11 @@ from swashtwin.cli.console import (
 )
 from swashtwin.cli.filling import (
     FaultOfOption,
-    FillName,
     FillOption,
     build_filling,
+    collect_fault_texts,
     is_calibration,
     print_plan,
-    read_fault_texts,
     simulate_plan,
     twin_files,
 )
@@ -43,7 +42,7 @@ from swashtwin.foundation import parse_quantity, plural
 if TYPE_CHECKING:
     from swashtwin.physics import Twin
     from swashtwin.recordings import Recording
-    from swashtwin.synthesis import Fidelity
+    from swashtwin.synthesis import Fidelity, Filling
 
 # Formats that are written block by block; the others require the whole recording in memory.
 _STREAMED_SUFFIXES = (".h5", ".hdf5")
@@ -303,23 +302,18 @@ def synthesize(
     windows is printed (0.5 = indistinguishable), with the features that separate them.
     """
     is_single_class = fill is None and (count is not None or fault is not None)
-    single = {"--fault": fault, "--speed": speed, "--pressure": pressure}
     if not is_single_class:
-        for option, value in single.items():
-            if value is not None:
-                raise typer.BadParameter(
-                    "applies to windows of one class, which --count without --fill makes. "
-                    "Specify the faults of several classes with --fault-of.",
-                    param_hint=option,
-                )
+        _refuse_options_of_one_class({"--fault": fault, "--speed": speed, "--pressure": pressure})
     elif fault_of:
         raise typer.BadParameter("applies to --fill. Use --fault.", param_hint="--fault-of")
 
     inputs = [*twin_files(twins), like]
     require_existing(inputs)
     require_output(out, inputs=inputs, marks=artifact_marks("window set"), force=force)
+    job = _WindowJob(like=like, out=out, window=window, seed=seed, as_json=as_json)
     if not is_single_class:
-        _fill_cells(twins, like, out, fill, count, fault_of, window, seed, as_json)
+        fault_texts = collect_fault_texts(like, fault_of)
+        _fill_cells(job, build_filling(twins, fault_texts, fill=fill, count=count, seed=seed))
         return
 
     if len(twins) != 1 or not is_calibration(twins[0]):
@@ -330,53 +324,60 @@ def synthesize(
         )
     if count is None:
         raise typer.BadParameter("is required with --fault.", param_hint="--count")
-    _synthesize_class(
-        Path(twins[0]), like, out, count, fault, speed, pressure, window, seed, as_json
-    )
+    _synthesize_class(job, Path(twins[0]), count, fault, speed=speed, pressure=pressure)
 
 
-def _fill_cells(
-    twins: list[str],
-    like: Path,
-    out: Path,
-    fill: FillName | None,
-    count: int | None,
-    fault_of: list[str] | None,
-    window: int | None,
-    seed: int,
-    as_json: bool,
-) -> None:
+@dataclass(frozen=True)
+class _WindowJob:
+    """What windows are made like, and where they are written."""
+
+    like: Path
+    """Index of the training recordings."""
+    out: Path
+    window: int | None
+    """Samples per window; None for the default."""
+    seed: int
+    as_json: bool
+
+
+def _refuse_options_of_one_class(values: dict[str, str | None]) -> None:
+    """Refuse an option, by its name, that applies only if windows of one class are made."""
+    for option, value in values.items():
+        if value is not None:
+            raise typer.BadParameter(
+                "applies to windows of one class, which --count without --fill makes. "
+                "Specify the faults of several classes with --fault-of.",
+                param_hint=option,
+            )
+
+
+def _fill_cells(job: _WindowJob, filling: "Filling") -> None:
     """Plan and write windows of all cells that are to be filled."""
     from swashtwin.learning import save_windows
-    from swashtwin.recordings import declared_faults, load_recordings
+    from swashtwin.recordings import load_recordings
 
-    fault_texts = {
-        **{name: [text] for name, text in declared_faults(like).items()},
-        **read_fault_texts(fault_of),
-    }
-    filling = build_filling(twins, fault_texts, fill=fill, count=count, seed=seed)
-    plan = filling.plan(load_recordings(like), window=window)
+    plan = filling.plan(load_recordings(job.like), window=job.window)
     plan.require_windows()
-    if not as_json:
+    if not job.as_json:
         print_plan(plan)
 
     windows = simulate_plan(plan)
-    save_windows(windows, out)
+    save_windows(windows, job.out)
     result = {
-        "windows": out,
+        "windows": job.out,
         "count": len(windows),
         "length": windows.length,
         "manifest": list(windows.manifest),
         "classes": windows.classes,
-        "seed": seed,
+        "seed": job.seed,
         "filling": plan.to_dict(),
     }
 
     def show() -> None:
-        print_text(f"{out}: {plural(len(windows), 'window')}")
-        _print_next_command(like, out)
+        print_text(f"{job.out}: {plural(len(windows), 'window')}")
+        _print_next_command(job.like, job.out)
 
-    print_result(result, as_json, show)
+    print_result(result, job.as_json, show)
 
 
 def _print_next_command(like: Path, out: Path) -> None:
@@ -386,16 +387,13 @@ def _print_next_command(like: Path, out: Path) -> None:
 
 
 def _synthesize_class(
+    job: _WindowJob,
     calibration: Path,
-    like: Path,
-    out: Path,
     count: int,
     fault: str | None,
+    *,
     speed: str | None,
     pressure: str | None,
-    window: int | None,
-    seed: int,
-    as_json: bool,
 ) -> None:
     """Write windows of one class of a calibrated twin."""
     import swashtwin.synthesis as synthesis
@@ -418,25 +416,25 @@ def _synthesize_class(
             calibrated,
             synthetic_fault,
             count=count,
-            like=load_recordings(like),
-            seed=seed,
+            like=load_recordings(job.like),
+            seed=job.seed,
             speed=new_speed,
             pressure=new_pressure,
-            window=window,
+            window=job.window,
         )
         # Measured while the progress is shown, for it takes as long as the windows.
         fidelity = windows.fidelity
 
-    save_windows(windows, out)
+    save_windows(windows, job.out)
     label = str(windows.label[0])
     result = {
-        "windows": out,
+        "windows": job.out,
         "label": label,
         "count": len(windows),
         "length": windows.length,
         "manifest": list(windows.manifest),
         "classes": windows.classes,
-        "seed": seed,
+        "seed": job.seed,
         "notes": windows.notes,
         "fidelity": None if fidelity is None else fidelity.to_dict(),
     }
@@ -444,11 +442,11 @@ def _synthesize_class(
     def show() -> None:
         for text in windows.notes:
             print_note(f"note: {text}")
-        print_text(f"{out}: {plural(len(windows), 'window')} of {label}")
+        print_text(f"{job.out}: {plural(len(windows), 'window')} of {label}")
         print_fidelity(fidelity, label)
-        _print_next_command(like, out)
+        _print_next_command(job.like, job.out)
 
-    print_result(result, as_json, show)
+    print_result(result, job.as_json, show)
 
 
 def print_fidelity(fidelity: "Fidelity | None", label: str) -> None:

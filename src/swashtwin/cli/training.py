@@ -18,9 +18,11 @@ from swashtwin.cli.console import (
 )
 from swashtwin.cli.filling import (
     FaultOfOption,
+    FillName,
     FillOption,
     ReportedFilling,
     build_filling,
+    collect_fault_texts,
     fault_names,
     read_fault_texts,
     twin_files,
@@ -136,20 +138,13 @@ def train(
             "applies to a network. Name the network with --network, such as bitcn.",
             param_hint="--set",
         )
+    _require_fitting_options(twin, add, fill)
 
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.learning import load_windows
     from swashtwin.pump import is_healthy
-    from swashtwin.recordings import class_name_findings, declared_faults, load_recordings
+    from swashtwin.recordings import class_name_findings, load_recordings
 
-    if twin and add:
-        raise typer.BadParameter(
-            "does not combine with --twin, which simulates windows itself.", param_hint="--add"
-        )
-    if fill is not None and not twin:
-        raise typer.BadParameter(
-            "applies to twins. Specify one with --twin, such as 25scy14-1b.", param_hint="--fill"
-        )
     synthetic_files = add or []
     inputs = [source, *synthetic_files, *twin_files(twin or ())]
     require_output(out, inputs=inputs, marks=_MODEL_MARKS, force=force)
@@ -158,10 +153,7 @@ def train(
     synthetic = [load_windows(path) for path in synthetic_files]
     recordings = load_recordings(source)
 
-    fault_texts = {
-        **{name: [fault] for name, fault in declared_faults(source).items()},
-        **read_fault_texts(fault_of),
-    }
+    fault_texts = collect_fault_texts(source, fault_of)
     filling = None
     if twin:
         filling = ReportedFilling(
@@ -172,9 +164,9 @@ def train(
     are_all_healthy &= not synthetic and filling is None
     default_test_fraction = 0.0 if are_all_healthy else DEFAULT_TEST_FRACTION
     # Only twins know classes that no recording has.
-    known_classes = (
-        {*recordings.labels} if twin else {*recordings.labels, *read_fault_texts(fault_of)}
-    )
+    known_classes = {*recordings.labels}
+    if not twin:
+        known_classes |= {*read_fault_texts(fault_of)}
     recorded_texts = {name: texts for name, texts in fault_texts.items() if name in known_classes}
     classifier = FaultClassifier(
         **recipe,
@@ -200,6 +192,20 @@ def train(
         print_note(f"note: {text}")
     plan = None if filling is None else filling.plan
     _print_training(classifier, plan, source, out, seed, as_json)
+
+
+def _require_fitting_options(
+    twin: list[str] | None, add: list[Path] | None, fill: FillName | None
+) -> None:
+    """Refuse options that contradict each other in where synthetic windows come from."""
+    if twin and add:
+        raise typer.BadParameter(
+            "does not combine with --twin, which simulates windows itself.", param_hint="--add"
+        )
+    if fill is not None and not twin:
+        raise typer.BadParameter(
+            "applies to twins. Specify one with --twin, such as 25scy14-1b.", param_hint="--fill"
+        )
 
 
 def _fit_classifier(

@@ -31,7 +31,7 @@ from swashtwin.cli.outputs import (
     require_page,
     write_page,
 )
-from swashtwin.foundation import InputError, plural, to_table
+from swashtwin.foundation import InputError, plural
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import AlarmScores, ChangeLibrary, Exclusion, LibraryPump
@@ -494,6 +494,8 @@ def library(
 
 def _describe_machine(member: "LibraryPump") -> dict[str, Any]:
     """Return what a library holds of a machine, without its numbers."""
+    from swashtwin.foundation import to_table
+
     faults = dict.fromkeys(member.label)
     severities: dict[str, list[str]] = {label: [] for label in faults}
     for label, severity in zip(member.label, member.severity, strict=True):

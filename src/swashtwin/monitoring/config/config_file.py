@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-from swashtwin.diagnosis import ChangeLibrary
 from swashtwin.foundation import (
     DataError,
     InputError,
@@ -223,11 +222,7 @@ def _check_machine(machine: Machine) -> None:
         _require_file("prior", Path(machine.prior))
     if machine.library is not None:
         _require_file("library", machine.library)
-        # A file of another kind must fail now, not at the first alarm.
-        try:
-            ChangeLibrary.load(machine.library)
-        except SwashTwinError as cause:
-            raise cause.with_context("library: ") from cause
+        _require_library(machine.library)
     if machine.tags_zone is not None:
         try:
             read_zone(machine.tags_zone)
@@ -236,6 +231,17 @@ def _check_machine(machine: Machine) -> None:
     # A pump that cannot be loaded must fail now, not at the first alarm.
     if machine.pump is not None:
         load_pump(machine.pump)
+
+
+def _require_library(path: Path) -> None:
+    """Raise an error now, rather than at the first alarm, if a file is not a library."""
+    # Imported here, since --help of each command reads the configuration's modules.
+    from swashtwin.diagnosis import ChangeLibrary
+
+    try:
+        ChangeLibrary.load(path)
+    except SwashTwinError as cause:
+        raise cause.with_context("library: ") from cause
 
 
 def _require_file(entry: str, path: Path) -> None:

@@ -110,7 +110,7 @@ def test_train_fills_what_is_short_in_one_command(rig: Path, tmp_path: Path) -> 
     [
         pytest.param(("--fill", "all", "--fault", "piston"), "--fault-of", id="one fault"),
         pytest.param(("--pressure", "15 MPa"), "windows of one class", id="one pressure"),
-        pytest.param(("--count", "3"), "must be one calibration file", id="nominal, one class"),
+        pytest.param(("--count", "3"), "pumps, fill cells: add --fill", id="nominal, one class"),
         pytest.param(
             ("--count", "3", "--fault-of", "a=piston"), "Use --fault.", id="faults of one class"
         ),
@@ -149,3 +149,18 @@ def test_a_healthy_class_of_another_name_is_refused(rig: Path, tmp_path: Path) -
 def test_a_missing_calibration_is_reported(rig: Path) -> None:
     line = one_line(run("train", rig, "--twin", "nowhere.json", code=3))
     assert "nowhere.json" in line
+
+
+def test_a_decimal_comma_of_a_fault_is_reported_with_its_remedy(rig: Path) -> None:
+    # It separated the dimensions, and the error was one of --fault.
+    options = ("--twin", PUMP, "--fault-of", "piston=piston:clearance=0,06mm")
+    stderr = run("train", rig, *options, code=2).stderr
+    assert "Write a decimal point: 'piston:clearance=0.06mm'" in stderr
+
+
+def test_another_file_than_a_calibration_is_reported(rig: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.json"
+    other.write_text('{"format": "h5"}')
+    line = one_line(run("train", rig, "--twin", other, code=3))
+    assert "not a calibration" in line
+    assert "alibrate again" not in line

@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swashtwin.foundation import InputError, mm
+from swashtwin.foundation import InputError, UnitError, mm
 from swashtwin.pump import (
     CLASSES,
     FAULT_KINDS,
     canonical_label,
     is_healthy,
     propose_class,
+    read_fault,
 )
 
 FAULTS: tuple[Any, ...] = tuple(fault for name, fault in FAULT_KINDS.items() if name != "normal")
@@ -199,3 +200,23 @@ def test_a_label_in_words_proposes_the_fault_of_the_part_that_it_names(
     label: str, fault: str
 ) -> None:
     assert propose_class(label) == fault
+
+
+def test_dimensions_within_the_name_of_a_fault_are_refused() -> None:
+    # The word "piston" gave the typical clearance of 40 um instead.
+    with pytest.raises(InputError, match="must be the name of a typical fault"):
+        read_fault("piston:clearance=60um")
+
+
+@pytest.mark.parametrize(
+    ("kind", "dimension", "example"),
+    [
+        pytest.param("piston", "clearance", "40 um", id="clearance"),
+        pytest.param("swash_plate", "depth", "0.6 mm", id="depth"),
+    ],
+)
+def test_a_dimension_without_a_unit_is_refused_with_one_of_its_size(
+    kind: str, dimension: str, example: str
+) -> None:
+    with pytest.raises(UnitError, match=f"has no unit. Write it like '{example}'"):
+        read_fault(kind, **{dimension: "60"})

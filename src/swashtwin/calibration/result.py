@@ -229,6 +229,11 @@ def load_calibration(path: Path | str) -> Calibration:
         ) from cause
 
     file_format = table.pop("format", None) if isinstance(table, dict) else None
+    if isinstance(file_format, str) and not file_format.startswith(FORMAT.rsplit(" ", 1)[0]):
+        raise ArtifactError(
+            f"{path}: not a calibration, but a file of format {file_format!r}. Specify a file that "
+            "swashtwin calibrate wrote."
+        )
     if file_format != FORMAT:
         raise ArtifactError(
             f"{path}: its format is {file_format!r}, but this version reads {FORMAT!r}. Calibrate "

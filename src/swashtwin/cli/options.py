@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+# A name of a dimension does not begin with a digit, so such a comma does not separate dimensions.
+_DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
+
 INDEX_SUFFIXES = (".toml", ".h5", ".hdf5")
 """Suffixes of an index file or a store of recordings."""
 
@@ -317,6 +320,11 @@ def fault_dimensions(text: str) -> tuple[str, dict[str, str]]:
     ('piston', {'clearance': '60um'})
     """
     kind, _, dimensions = text.partition(":")
+    if _DECIMAL_COMMA.search(dimensions):
+        corrected = _DECIMAL_COMMA.sub(".", dimensions)
+        raise typer.BadParameter(
+            f"{text!r} has a decimal comma. Write a decimal point: '{kind}:{corrected}'."
+        )
     return kind.strip(), read_pairs(dimensions.split(",") if dimensions else None, "--fault")
 
 

@@ -319,7 +319,7 @@ def synthesize(
     if len(twins) != 1 or not is_calibration(twins[0]):
         raise typer.BadParameter(
             "must be one calibration file if windows of one class are made. Several twins, and "
-            "pumps, fill cells: omit --count and --fault.",
+            "pumps, fill cells: add --fill, and name faults with --fault-of instead of --fault.",
             param_hint="CALIBRATION|PUMP",
         )
     if count is None:

@@ -317,7 +317,10 @@ def _format_in_trade_units(value: Any, unit: str) -> str:
 
 def severity(
     calibration: Annotated[
-        Path, typer.Argument(help="Calibration of this pump on its healthy recordings.")
+        Path,
+        typer.Argument(
+            metavar="CALIBRATION", help="Calibration of this pump on its healthy recordings."
+        ),
     ],
     source: Index,
     fault: Annotated[

@@ -15,8 +15,9 @@ from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from swashtwin.foundation import InputError, deg, mm, parse_quantity, um
+from swashtwin.foundation import InputError, UnitError, deg, mm, parse_quantity, um
 from swashtwin.pump.labels import canonical_label
+from swashtwin.pump.parameters import format_quantity
 
 _F = TypeVar("_F", bound="Fault")
 
@@ -391,6 +392,12 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
     >>> read_fault("swash_plate", contact="lift_off").contact
     'lift_off'
     """
+    if isinstance(kind, str) and ":" in kind:
+        # The words of a class would suggest the typical fault, without these dimensions.
+        raise InputError(
+            f"Invalid fault {kind!r}: must be the name of a typical fault, such as piston. Specify "
+            'its dimensions in Python: read_fault("piston", clearance="60 um").'
+        )
     if kind not in FAULT_KINDS:
         register_installed_faults()
     name = kind if kind in FAULT_KINDS else canonical_label(kind, tuple(FAULT_KINDS))
@@ -417,7 +424,13 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
             values[key] = text
             continue
 
-        number = parse_quantity(text, fault.units.get(key, "1"), name=f"{name}'s {key}")
+        unit = fault.units.get(key, "1")
+        is_bare = isinstance(text, str) and text.strip().replace(".", "", 1).isdigit()
+        if unit != "1" and is_bare:
+            example = format_quantity(getattr(fault, key), unit)
+            raise UnitError(f"{name}'s {key} = {text!r} has no unit. Write it like {example!r}.")
+
+        number = parse_quantity(text, unit, name=f"{name}'s {key}")
         if readable_types[key] is int and number != int(number):
             raise InputError(f"{name}'s {key} = {text!r} must be a whole number.")
         values[key] = readable_types[key](number)

@@ -52,8 +52,8 @@ def test_by_default_gauss_newton_fits_phases_and_the_housing(
 ) -> None:
     assert default_calibration.method == "GaussNewton"
     assert default_calibration.settings["phases"]
-    # values, scales, gains, crosstalk; frequencies, damping ratios and residues of two modes
-    assert len(default_calibration.posterior.unknowns) == 6 + 11 + 3 + 6 + 2 + 2 + 6
+    # values, scales, ports, gains, crosstalk; frequencies, damping ratios and residues of two modes
+    assert len(default_calibration.posterior.unknowns) == 6 + 11 + 2 + 3 + 6 + 2 + 2 + 6
 
 
 def test_the_text_of_a_calibration_names_pump_method_and_identified_values(

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from swashtwin.calibration.drawing_errors import DRAWING_ERRORS
 from swashtwin.calibration.misfit_hypotheses import MisfitHypothesis, describe_constant
 from swashtwin.calibration.posterior import MAX_MISFIT, Estimate, find_strained_constants
 from swashtwin.calibration.search import WIDENED, SearchResult
@@ -116,3 +117,7 @@ def _describe_bounds(
             f"the fit strains constants beyond their priors ({constants}), so no value is called "
             "identified"
         )
+    for error in DRAWING_ERRORS:
+        if error.coordinate in strained:
+            size = float(result.point[objective.unknowns.names.index(error.coordinate)])
+            yield error.describe(size)

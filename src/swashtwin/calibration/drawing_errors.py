@@ -46,6 +46,8 @@ class DrawingError:
     """Largest size that counts as a mistake of this number."""
     far_sizes: tuple[float, ...] = ()
     """Sizes to try if the misfit is too large for a derivative."""
+    coordinate: str = ""
+    """Name of the coordinate that is this number if it is searched (`Nuisances.port_timing`)."""
 
     def apply(self, objective: Objective, size: float) -> Objective | None:
         """Return the objective with the number changed; `None` if no such pump can be built."""
@@ -113,7 +115,11 @@ def _describe_ports(size: float, *, action: str, numbers: str) -> str:
 
 
 def _port_error(
-    names: Sequence[str], action: str, numbers: str, far_sizes: tuple[float, ...] = ()
+    names: Sequence[str],
+    action: str,
+    numbers: str,
+    far_sizes: tuple[float, ...] = (),
+    coordinate: str = "",
 ) -> DrawingError:
     """Return the error that moves these angles of the valve plate together."""
     return DrawingError(
@@ -122,7 +128,13 @@ def _port_error(
         step=deg(1),
         max_size=deg(8),
         far_sizes=far_sizes,
+        coordinate=coordinate,
     )
+
+
+def _single_port_error(name: str, action: str) -> DrawingError:
+    """Return the error that moves one angle of the valve plate."""
+    return _port_error((name,), action, f"valve_plate.{name}", coordinate=name)
 
 
 DRAWING_ERRORS = (
@@ -132,8 +144,8 @@ DRAWING_ERRORS = (
     _port_error(
         ALL_PORTS, "all ports open and close", "the angles of valve_plate", (deg(-3), deg(3))
     ),
-    _port_error(("discharge_open",), "the discharge port opens", "valve_plate.discharge_open"),
-    _port_error(("suction_open",), "the suction port opens", "valve_plate.suction_open"),
+    _single_port_error("discharge_open", "the discharge port opens"),
+    _single_port_error("suction_open", "the suction port opens"),
 )
 """Numbers that are tried."""
 
@@ -153,6 +165,8 @@ class ScoreTest:
 def score_drawing(linearization: Linearization) -> tuple[ScoreTest, ...]:
     """Return what the lines at a linearized optimum show of each of `DRAWING_ERRORS` that they
     depend on.
+
+    A number that is searched is left out: its coordinate shows its error.
     """
     objective = linearization.objective
     unknowns = objective.unknowns
@@ -166,6 +180,8 @@ def score_drawing(linearization: Linearization) -> tuple[ScoreTest, ...]:
 
     tests = []
     for error in DRAWING_ERRORS:
+        if error.coordinate in unknowns.names:
+            continue
         changed = error.apply(objective, error.step)
         if changed is None:
             continue

@@ -69,6 +69,11 @@ CONSTANT_NAMES = {
     "sensor": "the gain of all channels",
 }
 """Descriptions of the constants."""
+PORT_DESCRIPTIONS = {
+    "discharge_open": "the start of discharge",
+    "suction_open": "the start of suction",
+}
+"""Descriptions of the angles of ports."""
 PRESSURE_FACTORS = (0.8, 0.9, 1.1, 1.25)
 """Factors on the specified discharge pressure that are tried."""
 MIN_SCORE = 12.0
@@ -291,6 +296,8 @@ def describe_constant(name: str) -> str:
         return f"the gain of {name.removeprefix('gain ')} (its sensor or unit)"
     if name.startswith("mode "):
         return f"{name} of the housing"
+    if name in PORT_DESCRIPTIONS:
+        return PORT_DESCRIPTIONS[name]
 
     kind, _, member = name.partition("_")
     if kind == "mount":

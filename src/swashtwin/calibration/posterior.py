@@ -315,13 +315,16 @@ class Posterior:
         return self.unknowns.channels
 
     def twin_at(self, twin: Twin, point: Float[np.ndarray, " unknown"]) -> Twin:
-        """Return `twin` with the values, scales and sensor path of `point`."""
+        """Return `twin` with the values, scales, angles of ports and sensor path of `point`."""
         values = Interfaces.from_values(np.exp(point[VALUE_SLICE]))
         path = self.unknowns.sensor_path_at(point, twin.pump.channels)
         calibrated = twin.with_interfaces(values, self.unknowns.scales_at(point))
-        if path is None:
-            return calibrated
-        return replace(calibrated, path=path)
+        timing = self.unknowns.port_timing_at(point)
+        if timing is not None:
+            calibrated = replace(calibrated, port_timing=timing)
+        if path is not None:
+            calibrated = replace(calibrated, path=path)
+        return calibrated
 
     def draws(self, count: int, seed: int) -> Float[np.ndarray, "draw unknown"]:
         """Return points drawn from the density.

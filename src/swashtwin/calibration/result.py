@@ -23,11 +23,13 @@ from swashtwin.foundation import (
     to_table,
     write_text,
 )
-from swashtwin.physics import Twin
+from swashtwin.physics import PortTiming, Twin
 from swashtwin.pump import PARAMETERS, fault_type
 from swashtwin.recordings import Manifest
 
-FORMAT = "swashtwin calibration 9"
+FORMAT = "swashtwin calibration 10"
+FORMAT_WITHOUT_PORTS = "swashtwin calibration 9"
+"""Format of calibrations that took the ports as drawn."""
 _DERIVED = ("nominal_agreement", "calibrated_agreement")
 
 # Recordings that the source of a calibrated value names; of more, their number.
@@ -207,6 +209,23 @@ class Calibration:
         return write_text(Path(path), self.interfaces_toml())
 
 
+def _require_readable(path: Path | str, file_format: object) -> None:
+    """Require a format of calibrations that this version reads."""
+    if file_format in (FORMAT, FORMAT_WITHOUT_PORTS):
+        return
+
+    kind = FORMAT.rsplit(" ", 1)[0]
+    if isinstance(file_format, str) and not file_format.startswith(kind):
+        raise ArtifactError(
+            f"{path}: not a calibration, but a file of format {file_format!r}. Specify a file that "
+            "swashtwin calibrate wrote."
+        )
+    raise ArtifactError(
+        f"{path}: its format is {file_format!r}, but this version reads {FORMAT!r}. Calibrate "
+        "again."
+    )
+
+
 def load_calibration(path: Path | str) -> Calibration:
     """Return a calibration that `Calibration.save` wrote.
 
@@ -229,18 +248,10 @@ def load_calibration(path: Path | str) -> Calibration:
         ) from cause
 
     file_format = table.pop("format", None) if isinstance(table, dict) else None
-    if isinstance(file_format, str) and not file_format.startswith(FORMAT.rsplit(" ", 1)[0]):
-        raise ArtifactError(
-            f"{path}: not a calibration, but a file of format {file_format!r}. Specify a file that "
-            "swashtwin calibrate wrote."
-        )
-    if file_format != FORMAT:
-        raise ArtifactError(
-            f"{path}: its format is {file_format!r}, but this version reads {FORMAT!r}. Calibrate "
-            "again."
-        )
-
+    _require_readable(path, file_format)
     try:
+        if file_format == FORMAT_WITHOUT_PORTS:
+            _add_ports_as_drawn(table)
         for name in ("twin", "nominal"):
             if name in table:
                 table[name] = twin_from_dict(table[name])
@@ -255,6 +266,13 @@ def load_calibration(path: Path | str) -> Calibration:
             f"{path}: a calibration that does not fit this swashtwin ({reason}); it was written by "
             f"swashtwin {table.get('version')}, or edited. Calibrate again."
         ) from cause
+
+
+def _add_ports_as_drawn(table: dict[str, Any]) -> None:
+    """Add what `FORMAT_WITHOUT_PORTS` lacks: ports as in the pump file, which were not searched."""
+    for name in ("twin", "nominal"):
+        table[name]["port_timing"] = to_table(PortTiming())
+    table["posterior"]["unknowns"]["nuisances"]["port_timing"] = 0.0
 
 
 def twin_to_dict(twin: Twin) -> dict[str, Any]:

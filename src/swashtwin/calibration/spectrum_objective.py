@@ -133,7 +133,10 @@ class Comparison:
         Their phases refer to the twin's shaft position, not to the measured one.
         """
         lines = self.twin.acceleration(
-            point[..., VALUE_SLICE].exp(), scales=unknowns.scale_factors(point), solver=solver
+            point[..., VALUE_SLICE].exp(),
+            scales=unknowns.scale_factors(point),
+            port_timing=unknowns.port_timing(point),
+            solver=solver,
         )
         lines = lines.index_select(-2, self._sensor_rows).index_select(-1, self._twin_columns)
         if self._measured_columns is not None:

@@ -17,8 +17,8 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from swashtwin.foundation import InputError
-from swashtwin.physics import Scales, SensorPath, Twin, path_response
+from swashtwin.foundation import InputError, deg
+from swashtwin.physics import PORT_ANGLES, PortTiming, Scales, SensorPath, Twin, path_response
 from swashtwin.pump import PARAMETER_SYMBOLS, PARAMETERS
 
 DEFAULT_BOUND_FACTOR = 10.0
@@ -122,6 +122,10 @@ HOUSING_MODE_DAMPING = 0.03
 CONSTANT_BOUND_STDS = 4.0
 """Bounds of a constant, in standard deviations of its prior."""
 MAX_HOUSING_MODES = 6
+PORT_TOLERANCE = deg(0.7)
+"""Standard deviation of the angle at which a port opens from the pump file's [rad]: a tolerance of
+manufacturing, our estimate, as in `PumpPrior.timing`.
+"""
 VALUE_START_STD = 0.7
 """Standard deviation of ln value of further starts of a search about the nominal values: the size
 of their errors in the field.
@@ -158,6 +162,8 @@ class Nuisances:
     """Number of modes of the housing between the shell and the sensors (`twin.SensorPath`)."""
     residue: float = 0.1
     """Of each mode's share in each channel."""
+    port_timing: float = 0.0
+    """Of the angle at which each port opens [rad], relative to the pump file."""
 
     def __post_init__(self) -> None:
         for nuisance in fields(self):
@@ -188,8 +194,8 @@ class Nuisances:
 
     @classmethod
     def by_axis(cls, **changes: Any) -> "Nuisances":
-        """Return those of `housing` with each direction of the mounting, each bearing, and
-        cross-talk between the channels.
+        """Return those of `housing` with each direction of the mounting, each bearing, cross-talk
+        between the channels, and the angles at which the ports open.
 
         The stiffness along a direction, and that of a bearing, is then known to a factor e^0.5
         (0.4 for all and 0.3 for each): drawings are wrong by that in the field. Recordings that
@@ -202,6 +208,7 @@ class Nuisances:
                 "mount_axes": 0.3,
                 "each_bearing": 0.3,
                 "cross_talk": 0.1,
+                "port_timing": PORT_TOLERANCE,
                 **changes,
             }
         )
@@ -246,6 +253,7 @@ class Unknowns:
 
         twin_scales = dict(zip(SCALE_NAMES, self.twin_scales.tolist(), strict=True))
         rows = [(name, twin_scales[name], nuisances.scale_deviation(name)) for name in self.scales]
+        rows += [(name, 0.0, nuisances.port_timing) for name in self.port_angles]
         if nuisances.gains > 0:
             rows += [(f"gain {name}", 0.0, nuisances.gains) for name in channels]
         rows += [
@@ -325,6 +333,13 @@ class Unknowns:
         return tuple(name for name in SCALE_NAMES if self.nuisances.scale_deviation(name) > 0)
 
     @cached_property
+    def port_angles(self) -> tuple[str, ...]:
+        """Angles of ports that are searched; their coordinates follow the scales."""
+        if self.nuisances.port_timing == 0:
+            return ()
+        return PORT_ANGLES
+
+    @cached_property
     def cross_talk(self) -> list[tuple[int, int]]:
         """Pairs (channel that reads, channel that it reads of) whose shares are searched; they
         follow the gains.
@@ -344,7 +359,7 @@ class Unknowns:
     @cached_property
     def path_start(self) -> int:
         """Index of the first coordinate of the sensors' path: the gains if they are searched."""
-        return len(PARAMETERS) + len(self.scales)
+        return len(PARAMETERS) + len(self.scales) + len(self.port_angles)
 
     @cached_property
     def modes_start(self) -> int:
@@ -375,6 +390,23 @@ class Unknowns:
                     torch.full(shape, float(twin_scale), dtype=point.dtype, device=point.device)
                 )
         return torch.stack(columns, dim=-1).exp()
+
+    def port_timing(
+        self, point: Float[Tensor, "*batch unknown"]
+    ) -> Float[Tensor, "*batch 2"] | None:
+        """Return the angles of the ports at `point` [rad] in the order of `PortTiming`; `None` if
+        they are not searched.
+        """
+        if not self.port_angles:
+            return None
+        return point[..., self.path_start - len(self.port_angles) : self.path_start]
+
+    def port_timing_at(self, point: Float[np.ndarray, " unknown"]) -> PortTiming | None:
+        """Return the angles of the ports as a twin takes them; `None` if they are not searched."""
+        angles = self.port_timing(torch.as_tensor(point))
+        if angles is None:
+            return None
+        return PortTiming(*angles.tolist())
 
     def sensor_response(
         self, point: Float[Tensor, "*batch unknown"], frequency: Float[Tensor, " line"]

@@ -37,6 +37,8 @@ from .twin.batch import accelerations as accelerations
 from .twin.model import Sensitivity as Sensitivity
 from .twin.model import Twin as Twin
 from .twin.model import sensitivities as sensitivities
+from .twin.port_timing import PORT_ANGLES as PORT_ANGLES
+from .twin.port_timing import PortTiming as PortTiming
 from .twin.response import Scales as Scales
 from .twin.response import SensorPath as SensorPath
 from .twin.response import path_response as path_response

@@ -15,6 +15,7 @@ from swashtwin.foundation import InputError
 from swashtwin.physics.dynamics import Structure, Topology, assemble
 from swashtwin.physics.excitation import find_recess
 from swashtwin.physics.steady import HarmonicBalance, SteadySolver
+from swashtwin.physics.twin.port_timing import AS_DRAWN, PortTiming, port_forces
 from swashtwin.physics.twin.response import (
     UNSCALED,
     Drive,
@@ -63,6 +64,8 @@ class Twin:
     """Factors on mounting, bearings, excitation and sensors."""
     path: SensorPath | None = None
     """Modes and gains between the rigid shell and the sensors; None for a rigid path."""
+    port_timing: PortTiming = AS_DRAWN
+    """When the ports open, relative to the pump file."""
 
     def __post_init__(self) -> None:
         piston_pass = self.pump.rotating_group.piston_count * self.condition.shaft_frequency
@@ -96,9 +99,10 @@ class Twin:
     @cached_property
     def drive(self) -> Drive:
         """Excitation of the twin, the same for all interface values; computed once."""
-        return drive_of(
-            self.pump, self.condition, self.fault, self.topology, self.path, self.n_lines
-        )
+        pump = self.pump
+        if self.port_timing != AS_DRAWN:
+            pump = self.port_timing.apply(pump)
+        return drive_of(pump, self.condition, self.fault, self.topology, self.path, self.n_lines)
 
     @property
     def orders(self) -> Int[np.ndarray, " line"]:
@@ -152,11 +156,12 @@ class Twin:
         values: Float[Tensor, "*batch 6"] | None = None,
         *,
         scales: Float[Tensor, "*batch 11"] | None = None,
+        port_timing: Float[Tensor, "*batch 2"] | None = None,
         solver: SteadySolver | None = None,
     ) -> Complex[Tensor, "*batch sensor line"]:
         """Return the lines of acceleration [m/s^2] at `orders`, read by each sensor.
 
-        Differentiable with respect to `values` and `scales`.
+        Differentiable with respect to `values`, `scales` and `port_timing`.
 
         Parameters
         ----------
@@ -164,6 +169,7 @@ class Twin:
             device and precision are those of the whole computation; in single precision lines are
             off by up to 1e-4 of the largest one, and gradients by up to 1e-3.
         scales : factors in the order of `Scales`; by default the twin's.
+        port_timing : angles [rad] in the order of `PortTiming`; by default the twin's.
         solver : `HarmonicBalance` by default, `RK4` for the paper's.
 
         Raises
@@ -177,12 +183,35 @@ class Twin:
             scales = values.new_tensor(self.scales.values())
         require_positive(values, scales)
 
-        batch = np.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
+        parameters = [values, scales]
+        if port_timing is not None:
+            parameters.append(port_timing)
+
+        batch = np.broadcast_shapes(*(parameter.shape[:-1] for parameter in parameters))
         value_rows = values.expand(*batch, 6).reshape(-1, 6)
         scale_rows = scales.expand(*batch, -1).reshape(-1, scales.shape[-1])
+        added_force = None
+        if port_timing is not None:
+            added_force = self._added_force(port_timing.expand(*batch, -1).reshape(-1, 2))
+
         drive = self.drive.to(values)
-        lines = respond(drive, value_rows, scale_rows, solver or HarmonicBalance())
+        lines = respond(
+            drive, value_rows, scale_rows, solver or HarmonicBalance(), added_force=added_force
+        )
         return lines.reshape(*batch, *lines.shape[1:])
+
+    def _added_force(self, port_timing: Float[Tensor, "row 2"]) -> Complex[Tensor, "row line 13"]:
+        """Return what other angles of the ports than the twin's add to its drive [N, N m].
+
+        A fault changes this little, so the healthy pump's forces are taken.
+        """
+        forces = port_forces(self.pump, self.condition, self.topology, self.n_lines)
+        lines = self.drive.lines
+        change = forces.change(port_timing, lines)
+        if self.port_timing != AS_DRAWN:
+            own = port_timing.new_tensor([self.port_timing.values()])
+            change = change - forces.change(own, lines)
+        return change
 
     def simulate(
         self,

@@ -186,6 +186,13 @@ class Drive:
     path: Complex[Tensor, "twin sensor read"] | None = None
     """What stands between the shell and each sensor at the orders read; None is nothing."""
 
+    @property
+    def lines(self) -> Int[np.ndarray, " line"]:
+        """Shaft orders of the lines that are solved."""
+        if self.turning is None:
+            return self.orders
+        return np.concatenate([[0], self.orders])
+
     def to(self, like: Float[Tensor, "..."]) -> "Drive":
         """The same drive on the device and in the precision of `like`."""
         if self.wear.device == like.device and self.wear.dtype == like.dtype:
@@ -257,6 +264,7 @@ def respond(
     scales: Float[Tensor, "row 11"],
     solver: SteadySolver,
     *,
+    added_force: Complex[Tensor, "row line 13"] | None = None,
     recompute: bool = False,
 ) -> Complex[Tensor, "row sensor read"]:
     """Return the lines of acceleration [m/s^2] at the drive's orders, read by each sensor.
@@ -264,6 +272,7 @@ def respond(
     Parameters
     ----------
     drive : on the device and in the precision of `values`.
+    added_force : what each row adds to the drive's pressure [N, N m].
     recompute : keep nothing for the gradient but compute it again; always so if there are several
         chunks.
     """
@@ -274,7 +283,8 @@ def respond(
     for start in range(0, len(values), chunk_rows):
         rows = slice(start, start + chunk_rows)
         chunk_drive = drive if len(drive.wear) == 1 else drive.mapped(itemgetter(rows))
-        arguments = (chunk_drive, values[rows], scales[rows], solver)
+        chunk_force = None if added_force is None else added_force[rows]
+        arguments = (chunk_drive, values[rows], scales[rows], chunk_force, solver)
         if recompute:
             parts.append(
                 checkpoint(_chunk, *arguments, use_reentrant=False, preserve_rng_state=False)
@@ -289,13 +299,21 @@ def rows_of(n_lines: int) -> int:
     return max(1, WORKSPACE // (n_lines * _LINE_BYTES))
 
 
-def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -> Tensor:
+def _chunk(
+    drive: Drive,
+    values: Tensor,
+    scales: Tensor,
+    added_force: Tensor | None,
+    solver: SteadySolver,
+) -> Tensor:
     structure = drive.structure
     frequency = drive.frequency if len(drive.wear) > 1 else drive.frequency[0]
     mount, bearing, excitation, sensor, *_ = scales.unbind(-1)
 
     worn_values = values * drive.wear
     force = drive.pressure
+    if added_force is not None:
+        force = force + added_force
     if drive.action.strains or drive.action.pushes:
         force = force + drive.action.forces(worn_values, structure.slipper_vector, excitation)
     force = force.expand(len(values), -1, -1)

@@ -33,7 +33,7 @@ def demo() -> Demo:
         diagnoses=diagnoses,
         labels=LABELS,
         next_recording=Path("next"),
-        shown=0,
+        shown_index=0,
         rig=Path("rig"),
         page=Path("page"),
     )

@@ -94,6 +94,7 @@ def specimens_of(windows: WindowSet) -> set[str]:
 # ---- which cells are filled
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("source", SOURCES)
 def test_a_source_fills_the_missing_cell_alone(
     filled: Callable[[str, str], WindowSet], source: str
@@ -103,6 +104,7 @@ def test_a_source_fills_the_missing_cell_alone(
     assert windows.counts()["swash_plate", MPa(15)] == len(windows) == N_SYNTHETIC
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("source", SOURCES)
 def test_a_source_fills_every_class_at_every_pressure_alike(
     filled: Callable[[str, str], WindowSet], source: str
@@ -112,11 +114,13 @@ def test_a_source_fills_every_class_at_every_pressure_alike(
     assert set(counts.values()) == {N_SYNTHETIC}
 
 
+@pytest.mark.nightly
 def test_every_class_is_filled_at_the_pressure_of_the_missing_cell(dataset: StudyDataset) -> None:
     counts = synthesize_for(dataset, TrainingSet("nominal", every_class=True)).counts()
     assert counts == {(name, MPa(15)): N_SYNTHETIC for name in dataset.measured.classes}
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("source", SOURCES)
 def test_filling_further_cells_changes_no_window_of_the_missing_one(
     filled: Callable[[str, str], WindowSet], source: str
@@ -128,6 +132,7 @@ def test_filling_further_cells_changes_no_window_of_the_missing_one(
     np.testing.assert_array_equal(everywhere.signal[is_missing], filled(source, "").signal)
 
 
+@pytest.mark.nightly
 def test_as_many_windows_as_measured_are_spread_over_the_cells(dataset: StudyDataset) -> None:
     alike = TrainingSet("nominal", every_class=True, as_many_as_measured=True)
     windows = synthesize_for(dataset, alike)
@@ -136,6 +141,7 @@ def test_as_many_windows_as_measured_are_spread_over_the_cells(dataset: StudyDat
     assert len({windows.counts()[name, MPa(15)] for name in windows.classes}) == 1
 
 
+@pytest.mark.nightly
 def test_windows_of_few_twins_share_fault_and_values(
     dataset: StudyDataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -157,6 +163,7 @@ def test_windows_of_few_twins_share_fault_and_values(
         assert len({twin.condition.speed for twin in twins}) == N_SYNTHETIC
 
 
+@pytest.mark.nightly
 def test_lines_of_few_assemblies_share_fault_and_values(
     dataset: StudyDataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,6 +200,7 @@ def test_settings_that_came_later_leave_the_keys_of_earlier_runs_alone() -> None
 # ---- who makes the windows
 
 
+@pytest.mark.nightly
 def test_nominal_twins_without_gain_have_the_noise_of_those_with_it(
     dataset: StudyDataset, filled: Callable[[str, str], WindowSet]
 ) -> None:
@@ -208,6 +216,7 @@ def test_nominal_twins_without_gain_have_the_noise_of_those_with_it(
     assert spectrum.max() > 20 * np.median(spectrum)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("source", CEILINGS)
 def test_a_ceiling_knows_the_training_pumps_and_no_other(
     dataset: StudyDataset, filled: Callable[[str, str], WindowSet], source: str
@@ -220,6 +229,7 @@ def test_a_ceiling_knows_the_training_pumps_and_no_other(
     assert not tested_pumps & specimens_of(windows)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("source", SOURCES)
 def test_no_test_recording_contributes_to_a_window(
     dataset: StudyDataset, filled: Callable[[str, str], WindowSet], source: str
@@ -231,6 +241,7 @@ def test_no_test_recording_contributes_to_a_window(
         assert not contributors & set(test.recording_id.tolist())
 
 
+@pytest.mark.nightly
 def test_windows_with_a_reference_are_relative_to_healthy_ones_of_the_same_twin(
     dataset: StudyDataset, filled: Callable[[str, str], WindowSet]
 ) -> None:
@@ -248,6 +259,7 @@ def test_windows_with_a_reference_are_relative_to_healthy_ones_of_the_same_twin(
     assert alone.signal.var() > 1.2
 
 
+@pytest.mark.nightly
 def test_the_pumps_of_a_ceiling_are_those_that_were_measured(dataset: StudyDataset) -> None:
     size = RigSize(specimens=3, repeats=1, duration=0.1)
     runs = {
@@ -262,6 +274,7 @@ def test_the_pumps_of_a_ceiling_are_those_that_were_measured(dataset: StudyDatas
         assert pump.clearances == measured.clearances
 
 
+@pytest.mark.nightly
 def test_true_twins_have_the_true_values_and_the_recess_of_the_pump(
     dataset: StudyDataset,
 ) -> None:
@@ -275,6 +288,7 @@ def test_true_twins_have_the_true_values_and_the_recess_of_the_pump(
         assert twin.fault.gain == pump.following
 
 
+@pytest.mark.nightly
 def test_lines_of_the_rig_are_as_loud_as_its_recordings(
     dataset: StudyDataset, filled: Callable[[str, str], WindowSet]
 ) -> None:
@@ -293,6 +307,7 @@ def test_lines_of_the_rig_are_as_loud_as_its_recordings(
 # ---- the study
 
 
+@pytest.mark.nightly
 def test_the_study_compares_its_training_sets_and_is_resumed(
     recordings: list[Recording], tmp_path: Path
 ) -> None:
@@ -327,6 +342,7 @@ def test_every_training_set_has_a_label() -> None:
     assert set(build_plan("filling").training_sets) <= set(naming.TRAINING_SETS)
 
 
+@pytest.mark.nightly
 def test_ceilings_need_a_fleet_whose_truth_is_known(recordings: list[Recording]) -> None:
     with pytest.raises(InputError, match="its ceilings need the truth of the virtual rig"):
         run_plan(small_plan(), recordings)

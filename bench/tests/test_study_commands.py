@@ -86,7 +86,7 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
 
     finished = run(*arguments)
     assert "2 of seed 0 already finished" in finished.stderr
-    assert "with nominal twin" in finished.stdout
+    assert "L4: highest accuracy" in finished.stdout
 
 
 # ---- refusals

@@ -223,18 +223,20 @@ def with_later_ports(twin: Twin, angle: float, names: tuple[str, ...]) -> Twin:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
+        pytest.param(
             partial(with_area_factor, factor=0.7),
             "the pistons' area is about 1.4 times the pump file's: check "
             "rotating_group.piston_diameter",
+            marks=pytest.mark.nightly,
         ),
         (
             partial(with_pressure_factor, factor=0.9),
             "the discharge pressure is about 1.1 times the specified one",
         ),
-        (
+        pytest.param(
             partial(with_later_ports, angle=deg(3), names=ALL_PORTS),
             "all ports open and close about 3 deg earlier than in the pump file",
+            marks=pytest.mark.nightly,
         ),
     ],
     ids=["area", "pressure", "all ports"],
@@ -258,6 +260,7 @@ def test_a_port_far_beyond_its_tolerance_is_reported_with_the_default_nuisances(
     assert calibration.is_in_doubt
 
 
+@pytest.mark.nightly
 def test_a_slightly_wrong_area_biases_no_value(healthy: Twin, healthy_recording: Recording) -> None:
     """Gains and ports take up what an area that is 10 % too small does to the lines."""
     wrong = with_area_factor(healthy, 0.9)

@@ -170,6 +170,7 @@ def measure_again(
     assert len(requests) == times
 
 
+@pytest.mark.nightly
 def test_a_severity_is_measured_anew_as_the_fault_grows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -259,6 +260,7 @@ def test_a_message_dates_what_another_recording_showed(tmp_path: Path) -> None:
     history.close()
 
 
+@pytest.mark.nightly
 def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
     plant: Plant, tmp_path: Path
 ) -> None:

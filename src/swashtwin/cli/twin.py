@@ -123,7 +123,7 @@ def _print_plan(plan: "RecordingPlan") -> None:
 def _candidate_row(candidate: "CandidateRecording", plan: "RecordingPlan") -> tuple[str, ...]:
     gain = 1 - candidate.total_interval_width / plan.total_interval_width
     symbol, factor = max(candidate.narrowing_factors.items(), key=lambda pair: pair[1])
-    known = [
+    narrow_values = [
         name
         for name, expected_factor in candidate.expected_factors.items()
         if expected_factor <= _KNOWN_FACTOR
@@ -136,7 +136,7 @@ def _candidate_row(candidate: "CandidateRecording", plan: "RecordingPlan") -> tu
         f"{candidate.total_interval_width:.2f}",
         f"{gain:.1%}" if gain > 0 else "none",
         f"{symbol}, {factor:.2g} times" if factor > 1 else "-",
-        ", ".join(known) or "-",
+        ", ".join(narrow_values) or "-",
     )
 
 

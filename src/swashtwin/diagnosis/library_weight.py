@@ -356,8 +356,8 @@ def _exchange_gain(
         [_agreement(part, answer, faults) for part, answer in zip(parts, answers, strict=True)]
     )
     rows, columns = linear_sum_assignment(np.nanmean(agreement, axis=0), maximize=True)
-    own = np.nansum(agreement[:, rows, rows], axis=1)
-    gain = np.nansum(agreement[:, rows, columns], axis=1) - own
+    agreement_as_labeled = np.nansum(agreement[:, rows, rows], axis=1)
+    gain = np.nansum(agreement[:, rows, columns], axis=1) - agreement_as_labeled
     error = float(gain.std(ddof=1)) / len(gain) ** 0.5
     return float(gain.mean()), error
 

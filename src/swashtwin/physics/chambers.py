@@ -90,8 +90,8 @@ def march(over_angle, over_pistons, constants, revolutions, iterations, chamber,
             pressure[j] = max(expected, FLOOR)
 
             # Compressibility of oil and of its free air, which is isothermal.
-            softened = softness + air / max(expected, AIR_FLOOR) ** 2
-            compliance = _RATE_WEIGHT * here[2] / softened
+            total_softness = softness + air / max(expected, AIR_FLOOR) ** 2
+            compliance = _RATE_WEIGHT * here[2] / total_softness
             leakage = here[4] + here[5] * over_pistons[0, j] + over_pistons[1, j]
             step[0, j] = here[0]
             step[1, j] = here[1]

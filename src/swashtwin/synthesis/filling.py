@@ -143,14 +143,18 @@ class Filling:
         InputError
             A twin has another number of pistons than the recordings.
         """
-        known = [recording.condition for recording in recordings if recording.condition is not None]
-        if not known:
+        conditions = [
+            recording.condition for recording in recordings if recording.condition is not None
+        ]
+        if not conditions:
             raise InputError(NO_OPERATING_POINT)
 
         notes: list[str] = []
         for source in self.sources:
-            twin = _build_twin(source, known[0], None)
-            notes += require_same_machine(twin, known[:1], recordings, speed=False, pressure=False)
+            twin = _build_twin(source, conditions[0], None)
+            notes += require_same_machine(
+                twin, conditions[:1], recordings, speed=False, pressure=False
+            )
         return tuple(dict.fromkeys(notes))
 
     def fill_training(self, training: WindowSet) -> tuple[WindowSet, tuple[str, ...]]:

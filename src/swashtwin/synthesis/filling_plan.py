@@ -136,14 +136,14 @@ def count_cells(measured: WindowSet, labels: Iterable[str]) -> list[PlannedCell]
     if not is_known.any():
         raise InputError(NO_OPERATING_POINT)
 
-    known = measured.subset(is_known)
+    located_windows = measured.subset(is_known)
     points, point_index = operating_points(condition[is_known])
     cells = []
     for number, (speed, pressure) in enumerate(points.tolist()):
         counts = []
         for label in labels:
-            in_cell = (point_index == number) & (known.label == label)
-            recordings = set(known.recording_id[in_cell].tolist())
+            in_cell = (point_index == number) & (located_windows.label == label)
+            recordings = set(located_windows.recording_id[in_cell].tolist())
             counts.append((label, len(recordings), int(in_cell.sum())))
 
         median = np.median([n_recordings for _, n_recordings, _ in counts if n_recordings] or [0])

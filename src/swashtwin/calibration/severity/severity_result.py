@@ -197,7 +197,7 @@ def combine_mistakes(severities: Mapping[str, Severity]) -> Severity:
     limit = first.detection_limit
     for other in others:
         pairs = zip(dimensions, other.dimensions, strict=True)
-        dimensions = tuple(_combine_estimates(one, another) for one, another in pairs)
+        dimensions = tuple(_combine_estimates(*pair) for pair in pairs)
         limit = _larger_limit(limit, other.detection_limit)
     dimensions = tuple(
         replace(estimate, verdict="weak") if estimate.verdict == "identified" else estimate

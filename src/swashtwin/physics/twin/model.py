@@ -209,8 +209,8 @@ class Twin:
         lines = self.drive.lines
         change = forces.change(port_timing, lines)
         if self.port_timing != AS_DRAWN:
-            own = port_timing.new_tensor([self.port_timing.values()])
-            change = change - forces.change(own, lines)
+            current_timing = port_timing.new_tensor([self.port_timing.values()])
+            change = change - forces.change(current_timing, lines)
         return change
 
     def simulate(

@@ -186,6 +186,15 @@ def test_a_large_misfit_leaves_no_value_identified(
     assert "identified" not in [estimate.verdict for estimate in doubtful_estimates]
 
 
+def test_a_wrong_pressure_is_one_mistake(twin: Twin, recording: Recording) -> None:
+    """A size from the score and one of the factors that are tried may explain it equally well."""
+    wrong = with_pressure_factor(twin, 1.2)
+    calibration = calibrate_quickly(wrong, recording.replace(condition=wrong.condition))
+
+    mistakes = [note for note in warnings_of(calibration) if "the misfit falls from" in note]
+    assert [note.count("the discharge pressure is about") for note in mistakes] == [1]
+
+
 def test_scatter_is_explained_by_no_mistake(scattered: Objective) -> None:
     point = QUICK.search(scattered, seed=0).point
     assert compute_misfit(scattered, point) > MAX_MISFIT

@@ -26,6 +26,9 @@ from swashtwin.physics import Twin
 ALL_PORTS = ("suction_open", "suction_close", "discharge_open", "discharge_close")
 """Angles of the valve plate that a plate in another position moves together."""
 
+PRESSURE_FACTORS = (0.8, 0.9, 1.1, 1.25)
+"""Factors on the specified discharge pressure that are tried if the misfit is large."""
+
 MIN_INFORMATION = 1e-6
 """Information below which lines show nothing of a number: its error is then uncertain by a factor
 of e^1000, or by 1000 rad.
@@ -138,7 +141,13 @@ def _single_port_error(name: str, action: str) -> DrawingError:
 
 
 DRAWING_ERRORS = (
-    DrawingError(_change_pressure, _describe_pressure, step=0.05, max_size=math.log(1.5)),
+    DrawingError(
+        _change_pressure,
+        _describe_pressure,
+        step=0.05,
+        max_size=math.log(1.5),
+        far_sizes=tuple(map(math.log, PRESSURE_FACTORS)),
+    ),
     DrawingError(_change_area, _describe_area, step=0.05, max_size=math.log(1.5)),
     DrawingError(_change_radius, _describe_radius, step=0.03, max_size=math.log(1.3)),
     _port_error(

@@ -27,7 +27,6 @@ from jaxtyping import Float
 
 from swashtwin.calibration.discrepancy import linearize
 from swashtwin.calibration.drawing_errors import (
-    DRAWING_ERRORS,
     DrawingError,
     ScoreTest,
     score_drawing,
@@ -74,8 +73,6 @@ PORT_DESCRIPTIONS = {
     "suction_open": "the start of suction",
 }
 """Descriptions of the angles of ports."""
-PRESSURE_FACTORS = (0.8, 0.9, 1.1, 1.25)
-"""Factors on the specified discharge pressure that are tried."""
 MIN_SCORE = 12.0
 """Minimum fall of the sum of squares, to first order, at which a number of the drawing is tried
 although the misfit is small: noise alone reaches it for one of six numbers in one of 300 fits.
@@ -116,7 +113,7 @@ def find_suspected_mistakes(
 
     plausible = [score for score in scores if score.squares_fall > MIN_SCORE]
     return _select_likely(
-        _correct_drawing(objective, point, plausible), misfit, MIN_SCORE, objective
+        _correct_drawing(objective, point, plausible, far_sizes=False), misfit, MIN_SCORE, objective
     )
 
 
@@ -135,14 +132,10 @@ def find_misfit_hypotheses(
     if objective.measured.numel() * misfit**2 < MIN_SQUARES_FALL:
         return ()
 
-    hypotheses = [
-        *_correct_drawing(objective, point, scores),
-        *_try_far_drawings(objective),
-    ]
+    hypotheses = list(_correct_drawing(objective, point, scores, far_sizes=True))
     for make_mistake in (
         _swap_channels,
         _change_topology,
-        _change_pressure,
         _free_constants,
         _free_supports,
         _free_gains,
@@ -214,31 +207,43 @@ def _change_topology(objective: Objective) -> Iterator[MisfitHypothesis]:
 
 
 def _correct_drawing(
-    objective: Objective, point: Float[np.ndarray, " unknown"], scores: Iterable[ScoreTest]
+    objective: Objective,
+    point: Float[np.ndarray, " unknown"],
+    scores: Iterable[ScoreTest],
+    *,
+    far_sizes: bool,
 ) -> Iterator[MisfitHypothesis]:
-    """Each number of the drawing corrected by what its score shows, the search going on from
-    `point`.
+    """Each scored number of the drawing corrected; of several sizes the one of smallest misfit.
+
+    Parameters
+    ----------
+    scores : what the lines at `point` show of each number; the search goes on from there.
+    far_sizes : whether errors that are too large for a score are tried too, each from the best
+        start drawn with it.
     """
     for score in scores:
-        size = float(np.clip(score.size, -score.error.max_size, score.error.max_size))
-        hypothesis = _change_drawing(objective, score.error, size, point)
-        if hypothesis is not None:
-            yield hypothesis
+        error = score.error
+        size = float(np.clip(score.size, -error.max_size, error.max_size))
+        hypotheses = [_change_drawing(objective, error, size, point)]
+        if far_sizes:
+            hypotheses += [
+                _try_far_size(objective, error, far_size) for far_size in error.far_sizes
+            ]
+
+        possible = [hypothesis for hypothesis in hypotheses if hypothesis is not None]
+        if possible:
+            yield min(possible, key=lambda hypothesis: hypothesis.misfit)
 
 
-def _try_far_drawings(objective: Objective) -> Iterator[MisfitHypothesis]:
-    """Errors of the drawing that are too large for a score, each from the best start drawn with
-    them.
-    """
-    for error in DRAWING_ERRORS:
-        for size in error.far_sizes:
-            changed = error.apply(objective, size)
-            if changed is None:
-                continue
-            (start,) = select_starts(changed, 1, seed=0)
-            hypothesis = _change_drawing(objective, error, size, start)
-            if hypothesis is not None:
-                yield hypothesis
+def _try_far_size(
+    objective: Objective, error: DrawingError, size: float
+) -> MisfitHypothesis | None:
+    """Return the hypothesis that a number is wrong by far; `None` if no such pump exists."""
+    changed = error.apply(objective, size)
+    if changed is None:
+        return None
+    (start,) = select_starts(changed, 1, seed=0)
+    return _change_drawing(objective, error, size, start)
 
 
 def _change_drawing(
@@ -251,23 +256,6 @@ def _change_drawing(
     unknowns = replace(objective.unknowns, initial_point=start)
     point, misfit = _refit(replace(changed, unknowns=unknowns))
     return MisfitHypothesis(error.describe(size), misfit, point)
-
-
-def _change_pressure(objective: Objective) -> Iterator[MisfitHypothesis]:
-    """Other discharge pressures than specified; the factor of smallest misfit."""
-    refits = []
-    for factor in PRESSURE_FACTORS:
-        comparisons = []
-        for comparison in objective.comparisons:
-            condition = comparison.twin.condition
-            changed = condition.replace(discharge_pressure=factor * condition.discharge_pressure)
-            comparisons.append(replace(comparison, twin=comparison.twin.at(changed)))
-        point, misfit = _refit(replace(objective, comparisons=tuple(comparisons)))
-        refits.append((misfit, factor, point))
-
-    misfit, factor, point = min(refits, key=lambda refit: refit[0])
-    mistake = f"the discharge pressure is about {factor:g} times the specified one"
-    yield MisfitHypothesis(mistake, misfit, point)
 
 
 def _free_supports(objective: Objective) -> Iterator[MisfitHypothesis]:

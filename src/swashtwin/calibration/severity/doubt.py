@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.calibration.drawing_errors import PRESSURE_FACTORS
 from swashtwin.calibration.measurement import Lines, measure
 from swashtwin.calibration.misfit_hypotheses import (
     CONSTANT_NAMES,
-    PRESSURE_FACTORS,
     START_OFFSETS,
     TIE_FACTOR,
     WIDE_PRIORS,

@@ -17,8 +17,16 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from swashtwin.foundation import InputError, deg
-from swashtwin.physics import PORT_ANGLES, PortTiming, Scales, SensorPath, Twin, path_response
+from swashtwin.foundation import InputError
+from swashtwin.physics import (
+    PORT_ANGLES,
+    PORT_TOLERANCE,
+    PortTiming,
+    Scales,
+    SensorPath,
+    Twin,
+    path_response,
+)
 from swashtwin.pump import PARAMETER_SYMBOLS, PARAMETERS
 
 DEFAULT_BOUND_FACTOR = 10.0
@@ -122,10 +130,6 @@ HOUSING_MODE_DAMPING = 0.03
 CONSTANT_BOUND_STDS = 4.0
 """Bounds of a constant, in standard deviations of its prior."""
 MAX_HOUSING_MODES = 6
-PORT_TOLERANCE = deg(0.7)
-"""Standard deviation of the angle at which a port opens from the pump file's [rad]: a tolerance of
-manufacturing, our estimate, as in `PumpPrior.timing`.
-"""
 VALUE_START_STD = 0.7
 """Standard deviation of ln value of further starts of a search about the nominal values: the size
 of their errors in the field.

@@ -38,6 +38,7 @@ from .twin.model import Sensitivity as Sensitivity
 from .twin.model import Twin as Twin
 from .twin.model import sensitivities as sensitivities
 from .twin.port_timing import PORT_ANGLES as PORT_ANGLES
+from .twin.port_timing import PORT_TOLERANCE as PORT_TOLERANCE
 from .twin.port_timing import PortTiming as PortTiming
 from .twin.response import Scales as Scales
 from .twin.response import SensorPath as SensorPath

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError, MPa, celsius, deg, mm, rpm, um
-from swashtwin.physics import SensorPath
+from swashtwin.physics import PORT_TOLERANCE, SensorPath
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,
@@ -50,7 +50,7 @@ class PumpPrior:
     """Standard deviation of the pistons' clearances, relative."""
     slippers: float = 0.1
     """Standard deviation of the share by which each slipper follows a recess (physics.md, 3)."""
-    timing: float = deg(0.7)
+    timing: float = PORT_TOLERANCE
     """Standard deviation of the angle at which a port opens [rad]."""
     unbalance: float = 0.5
     """Spread of the rotor's eccentricity."""

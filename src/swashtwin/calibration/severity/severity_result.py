@@ -15,7 +15,8 @@ from swashtwin.calibration.posterior import (
 )
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.doubt import describe_doubt
-from swashtwin.foundation import InputError, deg, to_table
+from swashtwin.foundation import InputError, to_table
+from swashtwin.physics import PORT_TOLERANCE
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match
 from swashtwin.recordings import Recording
 
@@ -37,10 +38,9 @@ class SeveritySettings:
     healthy calibration [an estimate of ours], on top of half of what oil and pressure are expected
     to move it by.
     """
-    port_timing: float = deg(0.7)
+    port_timing: float = PORT_TOLERANCE
     """Standard deviation of the shaft angle at which a port begins to open, from that of the pump
-    file [rad]; an estimate of ours, the same as in `PumpPrior.timing`. What it changes in the lines
-    is not a sign of a fault.
+    file [rad]. What it changes in the lines is not a sign of a fault.
     """
 
     def __post_init__(self) -> None:

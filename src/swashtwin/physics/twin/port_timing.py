@@ -5,7 +5,7 @@ than drawn. That changes the chamber pressures, and only them. Half a degree of 
 changes the upper lines of their forces by as much as these lines are, so a derivative would not do:
 forces are computed at angles `KNOT_STEP` apart, and interpolated between them by the cubic splines
 of Catmull and Rom (1974, doi:10.1016/B978-0-12-079050-0.50020-5), with an error below 1 % of the
-lines. An angle can then be searched, drawn and differentiated like a factor of `Scales`.
+largest line. An angle can then be searched, drawn and differentiated like a factor of `Scales`.
 
 The two ports open half a turn apart, so that their effects add (within 0.1 %).
 """
@@ -25,6 +25,10 @@ from swashtwin.pump import OperatingCondition, Pump
 
 PORT_ANGLES = ("discharge_open", "suction_open")
 """Angles of `pump.ValvePlate` that `PortTiming` changes."""
+PORT_TOLERANCE = deg(0.7)
+"""Standard deviation of the angle at which a port opens from the pump file's [rad]: a tolerance of
+manufacturing, our estimate.
+"""
 KNOT_STEP = deg(0.25)
 """Distance of the angles [rad] at which forces are computed."""
 CACHED_PORTS = 32

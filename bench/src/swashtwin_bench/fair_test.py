@@ -47,6 +47,9 @@ BOOTSTRAP_DRAWS = 2000
 NEW_PUMPS = "L4"
 """Split whose test pumps were not trained on."""
 
+TRAINED_PUMPS = "L2"
+"""Split of the test on other recordings of the trained pumps."""
+
 
 @dataclass(frozen=True)
 class Score:
@@ -88,8 +91,8 @@ class Contrast:
         """Return first less second in each fleet that has both, in the order of the fleets."""
         accuracy: dict[tuple[str, int], float] = {}
         for score in scores:
-            place = (score.spread, score.reference, score.classifier, score.split)
-            if place == (self.spread, self.reference, self.classifier, self.split):
+            setting = (score.spread, score.reference, score.classifier, score.split)
+            if setting == (self.spread, self.reference, self.classifier, self.split):
                 accuracy[score.training_set, score.fleet] = score.accuracy
 
         fleets = sorted(fleet for name, fleet in accuracy if name == self.first)
@@ -101,7 +104,9 @@ class Contrast:
 
 
 PRIMARY = (
-    Contrast("law_every_class", "no_gain_every_class", "wide", "without", "extra_trees", "L2"),
+    Contrast(
+        "law_every_class", "no_gain_every_class", "wide", "without", "extra_trees", TRAINED_PUMPS
+    ),
     # windows of 80 ms are not compared with healthy ones in the default training
     Contrast("nominal_every_class", "nominal", "standard", "without", "chosen"),
 )
@@ -138,7 +143,7 @@ def collect_runs(folders: Sequence[Path]) -> list[Score]:
         for file in files:
             run = json.loads(file.read_text(encoding="utf-8"))
             for score in _scores_of(run, file):
-                cell = (*_place_of(score), score.training_set, str(score.fleet), score.split)
+                cell = (*_setting_of(score), score.training_set, str(score.fleet), score.split)
                 if cell in scores and scores[cell].run != score.run:
                     raise _duplicate_error(score, files_of_scores[cell], file)
                 scores[cell] = score
@@ -301,20 +306,16 @@ def _tabulate_accuracies(scores: Sequence[Score]) -> list[str]:
         "|spread, reference, classifier|" + "|".join(map(_name_set, sets)) + "|",
         "|" + "---|" * (len(sets) + 1),
     ]
-    for place in _places(scores):
+    for setting in _settings(scores):
         cells = []
         for name in sets:
-            new, trained = (
-                [
-                    score
-                    for score in scores
-                    if _place_of(score) == place
-                    and (score.training_set, score.split) == (name, split)
-                ]
-                for split in (NEW_PUMPS, "L2")
-            )
+            in_row = [score for score in scores if _setting_of(score) == setting]
+            of_set = [score for score in in_row if score.training_set == name]
+
+            new = [score for score in of_set if score.split == NEW_PUMPS]
+            trained = [score for score in of_set if score.split == TRAINED_PUMPS]
             cells.append(_format_accuracy(new, trained))
-        lines.append("|" + "|".join([_name_place(place), *cells]) + "|")
+        lines.append("|" + "|".join([_name_setting(setting), *cells]) + "|")
     return lines
 
 
@@ -333,7 +334,7 @@ def _tabulate_secondary(scores: Sequence[Score]) -> list[str]:
     """Return the secondary contrasts, bold if significant after Holm's correction over all."""
     contrasts = []
     for (spread, reference, classifier), split, (first, second) in product(
-        _places(scores), (NEW_PUMPS, "L2"), SECONDARY_PAIRS
+        _settings(scores), (NEW_PUMPS, TRAINED_PUMPS), SECONDARY_PAIRS
     ):
         contrast = Contrast(first, second, spread, reference, classifier, split)
         if contrast not in PRIMARY and len(contrast.differences(scores)) > 1:
@@ -355,10 +356,12 @@ def _tabulate_secondary(scores: Sequence[Score]) -> list[str]:
         + "|",
         "|" + "---|" * (len(SECONDARY_PAIRS) + 1),
     ]
-    for place in _places(scores):
-        row = [_name_place(place)]
+    for setting in _settings(scores):
+        row = [_name_setting(setting)]
         for first, second in SECONDARY_PAIRS:
-            both = [Contrast(first, second, *place, split) for split in (NEW_PUMPS, "L2")]
+            both = [
+                Contrast(first, second, *setting, split) for split in (NEW_PUMPS, TRAINED_PUMPS)
+            ]
             texts = [
                 "primary" if contrast in PRIMARY else cells.get(contrast, "-") for contrast in both
             ]
@@ -377,16 +380,16 @@ def _p_value(differences: Sequence[float]) -> float:
     return float(2 * stats.t.sf(abs(statistic), n_pairs - 1))
 
 
-def _place_of(score: Score) -> tuple[str, str, str]:
+def _setting_of(score: Score) -> tuple[str, str, str]:
     return score.spread, score.reference, score.classifier
 
 
-def _places(scores: Iterable[Score]) -> list[tuple[str, str, str]]:
-    return sorted({_place_of(score) for score in scores})
+def _settings(scores: Iterable[Score]) -> list[tuple[str, str, str]]:
+    return sorted({_setting_of(score) for score in scores})
 
 
-def _name_place(place: tuple[str, str, str]) -> str:
-    spread, reference, classifier = place
+def _name_setting(setting: tuple[str, str, str]) -> str:
+    spread, reference, classifier = setting
     return f"{spread}, {reference}, {format_factor('classifier', classifier)}"
 
 

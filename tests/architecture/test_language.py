@@ -5,6 +5,8 @@ import io
 import re
 import tokenize
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,41 @@ OPTION = re.compile(r"^(?!.*\bswashtwin [a-z]).*?(?<![\w-])(--[a-z][a-z-]+)", re
 """An option of the command line, in a text that quotes no whole command."""
 
 
+@dataclass(frozen=True)
+class Module:
+    """What is written in a module, each with its line number."""
+
+    messages: list[tuple[int, str]]
+    docstrings: list[tuple[int, str]]
+    names: list[tuple[int, str]]
+    """Variables that are assigned, and parameters."""
+
+
+@cache
+def read_module(path: Path) -> Module:
+    """Return the strings and names of a module, which is parsed once for all tests.
+
+    What is formatted in a string is `{}`. Strings that stand one after the other are one text.
+    """
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    statements = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    module = Module([], [], [])
+    for node in nodes:
+        if isinstance(node, ast.JoinedStr):
+            parts = [
+                str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values
+            ]
+            module.messages.append((node.lineno, "".join(parts)))
+        elif isinstance(node, ast.Constant):
+            texts = module.docstrings if id(node) in statements else module.messages
+            texts.append((node.lineno, str(node.value)))
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            module.names.append((node.lineno, node.id))
+        elif isinstance(node, ast.arg):
+            module.names.append((node.lineno, node.arg))
+    return module
+
+
 def comments_of(path: Path) -> Iterator[tuple[int, str]]:
     """Return line number and text of each comment of a module; lines that follow are one text."""
     source = path.read_text(encoding="utf-8")
@@ -58,26 +95,6 @@ def comments_of(path: Path) -> Iterator[tuple[int, str]]:
             text = token.string
         last_line = token.start[0]
     yield first_line, text
-
-
-def strings_of(path: Path, *, docstrings: bool) -> Iterator[tuple[int, str]]:
-    """Return line number and text of each string of a module, with `{}` for what is formatted.
-
-    Strings that stand one after the other are one text.
-    """
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.JoinedStr):
-            yield (
-                node.lineno,
-                "".join(
-                    str(part.value) if isinstance(part, ast.Constant) else "{}"
-                    for part in node.values
-                ),
-            )
-        elif isinstance(node, ast.Constant) and (docstrings or id(node) not in docs):
-            yield node.lineno, str(node.value)
 
 
 def python_files() -> list[Path]:
@@ -99,17 +116,27 @@ def _name(path: Path) -> str:
     return "/".join(path.parts[-3:])
 
 
+@cache
+def passages_of(path: Path) -> list[tuple[int, str]]:
+    """Return line number and text of what is written in a module or document, on one line each.
+
+    Each file is read once for all phrases.
+    """
+    if path.suffix == ".py":
+        module = read_module(path)
+        passages = [*comments_of(path), *module.docstrings, *module.messages]
+    else:
+        # The code of a template has other words, such as the test "is none".
+        passages = [(0, re.sub(r"\{[%{].*?[%}]\}", "", path.read_text(encoding="utf-8")))]
+    return [(line, re.sub(r"\s+", " ", text)) for line, text in passages]
+
+
 def places_of(pattern: re.Pattern[str], files: Iterable[Path]) -> list[str]:
     """Return the places in modules and texts that match a pattern; it may stand on two lines."""
     places = []
     for path in files:
-        # The code of a template has other words, such as the test "is none".
-        passages = [(0, re.sub(r"\{[%{].*?[%}]\}", "", path.read_text(encoding="utf-8")))]
-        if path.suffix == ".py":
-            passages = [*comments_of(path), *strings_of(path, docstrings=True)]
-        for line, text in passages:
-            matches = pattern.finditer(re.sub(r"\s+", " ", text))
-            places += [f"{_name(path)}:{line}: {match[0]}" for match in matches]
+        for line, text in passages_of(path):
+            places += [f"{_name(path)}:{line}: {match[0]}" for match in pattern.finditer(text)]
     return places
 
 
@@ -118,25 +145,19 @@ def options_in(files: Iterable[Path]) -> list[str]:
     return [
         f"{_name(path)}:{line}: {match[1]}"
         for path in files
-        for line, text in strings_of(path, docstrings=False)
+        for line, text in read_module(path).messages
         if (match := OPTION.search(text))
     ]
 
 
 def vague_names_in(files: Iterable[Path]) -> list[str]:
     """Return the variables and parameters of modules that have a vague name."""
-    names = []
-    for path in files:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                name = node.id
-            elif isinstance(node, ast.arg):
-                name = node.arg
-            else:
-                continue
-            if name.strip("_").lower() in VAGUE_NAMES:
-                names.append(f"{_name(path)}:{node.lineno}: {name}")
-    return names
+    return [
+        f"{_name(path)}:{line}: {name}"
+        for path in files
+        for line, name in read_module(path).names
+        if name.strip("_").lower() in VAGUE_NAMES
+    ]
 
 
 def test_a_condition_is_introduced_by_if_or_when() -> None:

@@ -16,16 +16,14 @@ import hypothesis
 import pytest
 import threadpoolctl
 
-from swashtwin.foundation import MPa, rpm
-from swashtwin.pump import OperatingCondition, Pump, load_pump
-
 if TYPE_CHECKING:
     from plant import Plant
 
-if HAS_TORCH := find_spec("torch") is not None:
-    import torch
+    from swashtwin.pump import OperatingCondition, Pump
 
-    torch.set_num_threads(1)
+# Fixtures import what they build, and torch is only looked for: the process that hands the tests
+# to the workers reads this file too, and runs no test.
+HAS_TORCH = find_spec("torch") is not None
 threadpoolctl.threadpool_limits(1)  # numpy may have been imported before this file
 hypothesis.settings.register_profile(
     "busy", deadline=None
@@ -74,14 +72,19 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 @pytest.fixture(scope="session")
-def pump() -> Pump:
+def pump() -> "Pump":
     """The paper's pump."""
+    from swashtwin.pump import load_pump
+
     return load_pump("25scy14-1b")
 
 
 @pytest.fixture(scope="session")
-def at_15() -> OperatingCondition:
+def at_15() -> "OperatingCondition":
     """The paper's operating point at 15 MPa."""
+    from swashtwin.foundation import MPa, rpm
+    from swashtwin.pump import OperatingCondition
+
     return OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
 
 

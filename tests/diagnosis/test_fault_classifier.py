@@ -122,6 +122,21 @@ def test_it_trains_as_fit_does_bit_for_bit_and_clones_to_the_same_bits(classifie
     np.testing.assert_array_equal(cloned.predict_proba(new), fitted.predict_proba(new))
 
 
+def test_the_number_of_channels_is_known_after_recordings_arrays_and_loading(classifier, tmp_path):
+    assert classifier.n_features_in_ == 1
+    windows = cut_windows(recordings("train"), length=128)
+    X = windows.signal[:, 0]
+    fitted = FaultClassifier("band_powers", sample_rate=1000.0).fit(X, windows.target)
+    assert fitted.n_features_in_ == 128
+
+    # the only channel may be left out
+    loaded = FaultClassifier.load(fitted.save(tmp_path / "pump.safetensors"))
+    assert loaded.n_features_in_ == 1
+    np.testing.assert_array_equal(loaded.predict_proba(X), fitted.predict_proba(X))
+    with pytest.raises(ValueError, match="X has 2 features"):
+        loaded.predict(np.zeros((1, 2, 128)))
+
+
 def test_recordings_get_one_answer_each_which_is_that_of_the_diagnosis(classifier):
     new = recordings("new")
     labels = classifier.predict(new)

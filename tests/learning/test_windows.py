@@ -132,6 +132,19 @@ def test_invalid_lengths_are_refused(sizes):
         cut_windows([recording("a")], **sizes)
 
 
+def test_windows_are_taken_by_number_slice_and_mask_and_as_an_array():
+    windows = cut_windows(rig(per_cell=1), length=128)
+
+    third = windows[3]
+    assert (len(third), third.start[0]) == (1, windows.start[3])
+    assert windows[-2:].start.tolist() == windows.start[-2:].tolist()
+    assert ids(windows[windows.label == "piston"]) == ids(windows.subset(windows.target == 1))
+    assert len(list(windows)) == len(windows)
+    with pytest.raises(IndexError):
+        windows[len(windows)]
+    np.testing.assert_array_equal(np.asarray(windows), windows.signal)
+
+
 def test_sets_of_other_classes_or_layout_do_not_add():
     normal = cut_windows([recording("a")], length=200)
     with pytest.raises(InputError, match="Cut the second like the first"):

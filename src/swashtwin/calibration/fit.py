@@ -13,6 +13,7 @@ from jaxtyping import Complex, Float, Int
 from swashtwin.calibration.measurement import Measurement
 from swashtwin.calibration.posterior import Posterior
 from swashtwin.calibration.spectrum_objective import Comparison
+from swashtwin.foundation import short_repr
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
@@ -137,6 +138,8 @@ class Fit:
     """One revolution before and after calibration."""
     duration: float
     """Total length of the recordings [s]."""
+
+    __repr__ = short_repr
 
 
 def evaluate_fit(

@@ -26,7 +26,7 @@ from swashtwin.calibration.unknowns import (
     Unknowns,
     is_at_bound,
 )
-from swashtwin.foundation import InputError, random_stream
+from swashtwin.foundation import InputError, random_stream, shorten
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETER_SYMBOLS, PARAMETERS, Interfaces
 
@@ -92,6 +92,13 @@ class Estimate:
     """Symbol of the value that can change with this one at almost the same spectrum (correlation
     above 0.9).
     """
+
+    def __repr__(self) -> str:
+        low, high = self.interval
+        return (
+            f"<Estimate {self.symbol}: {self.value:.3g} {self.unit}, 90 % interval {low:.3g} to "
+            f"{high:.3g}, {self.verdict}>"
+        )
 
     @property
     def is_constrained(self) -> bool:
@@ -307,7 +314,7 @@ class Posterior:
     """Their covariance; its first six rows are the logarithms of the six values."""
 
     def __repr__(self) -> str:
-        return f"<Posterior: normal density of {', '.join(self.unknowns.names)}>"
+        return shorten(f"<Posterior: normal density of {', '.join(self.unknowns.names)}>")
 
     @property
     def channels(self) -> tuple[str, ...]:

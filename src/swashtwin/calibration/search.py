@@ -18,7 +18,7 @@ from swashtwin.calibration.unknowns import (
     SearchSpace,
     is_at_bound,
 )
-from swashtwin.foundation import InputError, one_thread, random_stream
+from swashtwin.foundation import InputError, one_thread, random_stream, short_repr
 from swashtwin.physics import HarmonicBalance, SteadySolver
 from swashtwin.pump import PARAMETER_SYMBOLS
 
@@ -46,6 +46,8 @@ class History:
     """Norm of the gradient of the loss with respect to what the method moves: weights, or
     coordinates in units of their priors' deviations.
     """
+
+    __repr__ = short_repr
 
     @property
     def loss(self) -> Float[np.ndarray, " step"]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from swashtwin.diagnosis.recording_arguments import relabel_recordings, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
-from swashtwin.foundation import DataError, LeakError, to_table
+from swashtwin.foundation import DataError, LeakError, short_repr, to_table
 from swashtwin.pump import is_healthy, is_same_class
 from swashtwin.recordings import Manifest, Recording, build_manifest, describe_copies, find_copies
 
@@ -46,6 +46,8 @@ class AlarmScores:
     """Specified false-alarm rate of a detector; None of a prior."""
     classes: tuple[ClassAlarms, ...]
     """Alarms of each class."""
+
+    __repr__ = short_repr
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON can hold."""

@@ -89,6 +89,7 @@ class AnomalyDetector(Estimator):
     fitted_ : `HealthyBaseline` that recordings are compared with.
     error_rate_ : the false-alarm rate.
     notes_ : recordings that were left out, and limits of the number of recordings, as sentences.
+    n_features_in_ : number of channels.
     """
 
     KIND: ClassVar[str] = "anomaly detector"
@@ -97,6 +98,7 @@ class AnomalyDetector(Estimator):
     fitted_: HealthyBaseline
     error_rate_: float
     notes_: tuple[str, ...]
+    n_features_in_: int
 
     def __init__(self, *, error_rate: float | None = None) -> None:
         self.error_rate = error_rate
@@ -182,6 +184,7 @@ class AnomalyDetector(Estimator):
         self.fitted_ = card.healthy
         self.error_rate_ = card.error_rate
         self.notes_ = card.notes
+        self.n_features_in_ = len(card.healthy.layout.channels)
         return self
 
     @property

@@ -107,7 +107,7 @@ class FaultClassifier(Estimator):
     n_windows_, n_synthetic_ : number of training windows, and how many of them were synthetic.
     resemblance_ : the adapted prior for faults that were not trained; None without `prior`.
     notes_ : deviations from what was requested, and limits of the data, as sentences.
-    n_features_in_ : second dimension of the array that it was fitted on; absent after other data.
+    n_features_in_ : number of channels; after an array ``(window, sample)`` the number of samples.
 
     Examples
     --------
@@ -394,6 +394,7 @@ class FaultClassifier(Estimator):
         )
         classifier.fitted_ = fitted
         classifier.resemblance_ = resemblance
+        classifier.n_features_in_ = len(fitted.layout.channels)
         classifier._set_classes(fitted.classes)
         return classifier
 
@@ -438,9 +439,10 @@ class FaultClassifier(Estimator):
         synthetic_sets: Sequence[WindowSet],
         classes: Sequence[str] | None,
     ) -> tuple[WindowSet, str | Mapping[str, str]]:
-        """Return labeled windows, and what a split keeps whole."""
+        """Return labeled windows, and what a split keeps whole; set `n_features_in_`."""
         if isinstance(X, WindowSet):
             require_array_arguments(y, groups, "a window set has its own labels and recordings")
+            self.n_features_in_ = X.n_channels
             return X, self.group
 
         recordings = as_recordings(X)
@@ -461,6 +463,7 @@ class FaultClassifier(Estimator):
             classes=classes,
             allow_partial_revolution=self.allow_partial_revolution,
         )
+        self.n_features_in_ = windows.n_channels
         return windows, group
 
     def _labeled_windows(self, X: Any, y: Any, groups: Any) -> WindowSet:
@@ -480,6 +483,9 @@ class FaultClassifier(Estimator):
         from sklearn.utils.validation import validate_data
 
         require_plain_array(X)
+        if self.n_features_in_ == 1 and np.ndim(X) == 2:
+            # the only channel may be left out
+            X = np.asarray(X)[:, None]
         X = validate_data(self, X, dtype=[np.float32, np.float64], allow_nd=True, reset=False)
         return self._array_windows(X, np.full(len(X), -1), None)
 

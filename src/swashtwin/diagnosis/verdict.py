@@ -12,7 +12,7 @@ from typing import Any
 
 from swashtwin.diagnosis.changed_bands import BandPowerChange
 from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum
-from swashtwin.foundation import plural, to_table
+from swashtwin.foundation import plural, shorten, to_table
 from swashtwin.learning import CandidateChoice, Deviation
 from swashtwin.pump import is_healthy, propose_class
 from swashtwin.recordings import RecordingSummary
@@ -100,7 +100,7 @@ class Diagnosis:
     healthy recording."""
 
     def __repr__(self) -> str:
-        return f"<Diagnosis of {self.recording_id}: {self.sentence()}>"
+        return shorten(f"<Diagnosis of {self.recording_id}: {self.sentence()}>")
 
     @property
     def verdict(self) -> str:

@@ -17,6 +17,9 @@ from .child_processes import run_in_child as run_in_child
 from .dataclass_tables import from_table as from_table
 from .dataclass_tables import parse_json as parse_json
 from .dataclass_tables import to_table as to_table
+from .displays import html_table as html_table
+from .displays import short_repr as short_repr
+from .displays import shorten as shorten
 from .errors import ArtifactError as ArtifactError
 from .errors import DataError as DataError
 from .errors import InputError as InputError

@@ -14,7 +14,7 @@ from operator import attrgetter
 from types import MappingProxyType
 from typing import Any
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, plural, shorten
 
 PARAMETERS = (
     "slipper_swash.damping",
@@ -339,6 +339,16 @@ class Pump:
     """Rated operating point, or None if the file has none."""
     sources: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
     """Source of each number, by its path such as ``masses.shell``."""
+
+    def __repr__(self) -> str:
+        group = self.rotating_group
+        return shorten(
+            f"<Pump {self.name}: {group.piston_count} pistons of "
+            f"{format_quantity(group.piston_diameter, 'm')} on a pitch radius of "
+            f"{format_quantity(group.pitch_radius, 'm')}, swash angle "
+            f"{format_quantity(group.swash_angle, 'rad', 3)}, "
+            f"{plural(len(self.sensors), 'sensor')}>"
+        )
 
     @property
     def channels(self) -> tuple[str, ...]:

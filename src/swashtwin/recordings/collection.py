@@ -9,7 +9,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, LeakError, as_path, plural
+from swashtwin.foundation import DataError, InputError, LeakError, as_path, plural, shorten
 from swashtwin.pump import PRESSURE_TOLERANCE, is_same_class, merge_close_values, values_match
 from swashtwin.recordings.file_loading import load_recording
 from swashtwin.recordings.findings import Finding, join_names
@@ -132,7 +132,7 @@ class Recordings(Sequence[Recording]):
         counts = {recording.n_channels for recording in self._recordings}
         channels = " or ".join(str(count) for count in sorted(counts))
         parts.append(f"{channels} channel{'s' * (counts != {1})} at {rate}")
-        return f"Recordings({len(self)}: {'; '.join(parts)})"
+        return shorten(f"Recordings({len(self)}: {'; '.join(parts)})")
 
     @property
     def recording_ids(self) -> tuple[str, ...]:

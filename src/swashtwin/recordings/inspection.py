@@ -105,7 +105,8 @@ class InspectionReport:
     def __repr__(self) -> str:
         sentences = [f"{severity}: {sentence}" for severity, sentence in self.merged(by_kind=True)]
         count = plural(len(self.recordings), "recording")
-        return f"<InspectionReport of {count}; {'; '.join(sentences) or 'sound'}>"
+        summary = plural(len(sentences), "finding") if sentences else "sound"
+        return "\n".join([f"<InspectionReport of {count}: {summary}>", *sentences])
 
     @property
     def has_errors(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.foundation import DataError, InputError, csv_text
+from swashtwin.foundation import DataError, InputError, csv_text, short_repr
 from swashtwin.recordings import Recording, require_usable, specified_shaft_frequency
 from swashtwin.signals.indicators import BANDS, FAMILIES, Band, Indicator, IndicatorInput
 from swashtwin.signals.shaft_angle import ShaftAngle
@@ -68,6 +68,8 @@ class IndicatorTable:
     """The indicators; NaN if the recording is too short or too slow for one, or lacks a fact that
     it needs.
     """
+
+    __repr__ = short_repr
 
     def column(self, name: str) -> tuple[Indicator, Float64[np.ndarray, " row"]]:
         """Return the indicator of that name and its value in each row.

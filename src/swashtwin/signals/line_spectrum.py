@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from swashtwin.foundation import short_repr
 from swashtwin.recordings import Recording, require_usable, specified_shaft_frequency
 from swashtwin.signals.envelope import envelope_spectrum
 from swashtwin.signals.shaft_angle import ShaftAngle, resample_by_angle, specified_angle
@@ -61,6 +62,8 @@ class LineSpectrum:
     """Band [Hz] of each channel's envelope."""
     angle_from: str = ""
     """Source of the shaft angle, for orders."""
+
+    __repr__ = short_repr
 
     def at(self, mark: Mark) -> Float[np.ndarray, " channel"]:
         """Return the maximum of each channel within 0.6 %, or two lines, of a mark.

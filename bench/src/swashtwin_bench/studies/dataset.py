@@ -23,7 +23,13 @@ from swashtwin_bench.results.runs import FORMAT
 from swashtwin_bench.rigs.writing import RIG_VERSION
 from swashtwin_bench.studies.cells import cut_evenly, order_classes
 from swashtwin_bench.studies.healthy_reference import relative_to_healthy
-from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, ScenarioSplit, split_scenario
+from swashtwin_bench.studies.scenario import (
+    RANDOM_WINDOWS,
+    Scenario,
+    ScenarioSplit,
+    describe_pump,
+    split_scenario,
+)
 
 RECESS = "swash_plate"
 """Class of the fault whose law is calibrated."""
@@ -50,7 +56,10 @@ class CalibrationTask:
     @property
     def key(self) -> str:
         """Name of its folder: specimen and class for the reader, and a hash that identifies it."""
-        starts = [[repr(twin.pump), repr(twin.condition), repr(twin.fault)] for twin in self.twins]
+        starts = [
+            [describe_pump(twin.pump), repr(twin.condition), repr(twin.fault)]
+            for twin in self.twins
+        ]
         data = [
             (recording.recording_id, repr(recording.condition), recording.fingerprint())
             for recording in self.recordings

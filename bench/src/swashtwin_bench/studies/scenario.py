@@ -7,7 +7,7 @@ pressure, with equally many windows of all classes, on recordings that were used
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, Literal
@@ -142,7 +142,7 @@ class Scenario:
         """Return the scenario as JSON can hold it."""
         faults = {name: list(map(_describe_fault, self.faults[name])) for name in self.scarce}
         # A changed parameter set may keep its name.
-        pump_sha256 = hashlib.sha256(repr(self.pump).encode()).hexdigest()
+        pump_sha256 = hashlib.sha256(describe_pump(self.pump).encode()).hexdigest()
 
         # Runs from before these settings existed keep their key.
         later_settings: dict[str, Any] = {}
@@ -169,6 +169,12 @@ class Scenario:
             "class_windows": self.class_windows,
             **later_settings,
         }
+
+
+def describe_pump(pump: Pump) -> str:
+    """Return a text of all numbers of a pump, for hashes that stay the same between versions."""
+    parts = [f"{part.name}={getattr(pump, part.name)!r}" for part in fields(pump) if part.repr]
+    return f"Pump({', '.join(parts)})"
 
 
 def _describe_fault(fault: Fault) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from swashtwin.foundation import (
     finite_values,
     plural,
     random_stream,
+    shorten,
     to_table,
 )
 from swashtwin.learning.training.confidence import likeliest_class, pooled_probabilities
@@ -300,7 +301,7 @@ class Scores:
         split = f" at {self.split}" if self.split else ""
         windows = plural(self.n_windows, "window")
         recordings = plural(self.n_recordings, "recording")
-        return (
+        return shorten(
             f"<Scores{split}: accuracy {self.accuracy:.3f} over {windows}, "
             f"{self.recording_accuracy:.3f} over {recordings}, "
             f"macro recall {self.macro_recall:.3f}, classes {', '.join(self.classes)}>"

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from swashtwin.foundation import DataError, InputError, plural
+from swashtwin.foundation import DataError, InputError, plural, short_repr
 from swashtwin.learning.healthy.band_power_layout import (
     BandPowerLayout,
     Deviation,
@@ -60,6 +60,8 @@ class HealthyBaseline:
     shortest: int
     """Samples of the shortest recording."""
     manifest: Manifest
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         count = len(self.specimen)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Shaped
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, short_repr
 from swashtwin.learning.features import reference_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.recordings.recording_model import RecordingModel
@@ -173,6 +173,8 @@ class FittedClassifier(TrainedState):
 
     network: AnyNetwork
     """Trained network; one of torch is in evaluation mode."""
+
+    __repr__ = short_repr
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Return the probability of each class for each window; rows sum to 1.

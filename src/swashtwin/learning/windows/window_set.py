@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int, Int64, Shaped
 
-from swashtwin.foundation import DataError, InputError, load_artifact, plural, save_artifact
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    load_artifact,
+    plural,
+    save_artifact,
+    shorten,
+)
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, merge_close_values, values_match
 from swashtwin.recordings import Manifest, join_manifests
 
@@ -116,6 +123,20 @@ class WindowSet:
     def __len__(self) -> int:
         return int(self.signal.shape[0])
 
+    def __getitem__(self, index: Any) -> "WindowSet":
+        """Return one window, or those of a slice, a mask or indices, as a window set.
+
+        Raises
+        ------
+        IndexError
+            There is no such window.
+        """
+        return self.subset(np.atleast_1d(np.arange(len(self))[index]))
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Return `signal`; without it NumPy would take each window for a further dimension."""
+        return np.array(self.signal, dtype, copy=copy)
+
     def __add__(self, other: "WindowSet") -> "WindowSet":
         if self.classes != other.classes:
             raise InputError(
@@ -146,7 +167,7 @@ class WindowSet:
         n_synthetic = int(self.synthetic.sum())
         synthetic = f", {n_synthetic} of them synthetic" if n_synthetic else ""
         recordings = plural(np.unique(self.recording_id).size, "recording")
-        return (
+        return shorten(
             f"<WindowSet: {plural(len(self), 'window')}{synthetic}, {recordings}, "
             f"{plural(self.n_channels, 'channel')}, {self.length} samples at "
             f"{self.sample_rate:g} Hz, classes {', '.join(self.classes)}>"

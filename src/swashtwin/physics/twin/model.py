@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, shorten
 from swashtwin.physics.dynamics import Structure, Topology, assemble
 from swashtwin.physics.excitation import find_recess
 from swashtwin.physics.steady import HarmonicBalance, SteadySolver
@@ -75,6 +75,17 @@ class Twin:
                 f"bandwidth ({self.bandwidth:g} Hz) lies below the piston-pass frequency "
                 f"({piston_pass:.1f} Hz); raise it."
             )
+
+    def __repr__(self) -> str:
+        fault = ""
+        if self.fault is not None:
+            severity = next(iter(fields(self.fault))).name
+            fault = f", {type(self.fault).__name__}({severity}={getattr(self.fault, severity):.4g})"
+        return shorten(
+            f"<Twin of {self.pump.name} ({self.label}) at "
+            f"{format_quantity(self.condition.speed, 'rad/s')}, "
+            f"{format_quantity(self.condition.discharge_pressure, 'Pa')}{fault}>"
+        )
 
     @property
     def label(self) -> str:

@@ -12,7 +12,10 @@ from mqtt_broker import free_port
 from plant import Plant
 
 from swashtwin.explorer import Workspace, build_explorer
+from swashtwin.foundation import MPa, rpm
 from swashtwin.monitoring import serving_page
+from swashtwin.physics import Twin, solve_turn
+from swashtwin.pump import OperatingCondition, load_pump
 from swashtwin.recordings import Recording, read_index, write_recording
 
 LOADED = {
@@ -240,6 +243,85 @@ def test_a_selected_fault_shows_its_dimensions_and_its_part(tab) -> None:
 
     tab.get_by_label("Fault: clearance").wait_for()
     playwright.expect(tab.locator(".cutaway text.suspect-name")).to_have_text("piston")
+
+
+# a canvas whose cursor has the color of the mark: centers of its two dots [px]
+DOTS = """() => {
+  const { curves, ink } = document.querySelector(".living-pump").pump;
+  const { width, height } = curves.canvas;
+  const probe = new OffscreenCanvas(1, 1).getContext("2d");
+  probe.fillStyle = ink.mark;
+  probe.fillRect(0, 0, 1, 1);
+  const mark = probe.getImageData(0, 0, 1, 1).data;
+  const pixels = curves.pen.getImageData(0, 0, width, height).data;
+  const sums = [[0, 0, 0], [0, 0, 0]];
+  for (let n = 0; n < width * height; n++) {
+    if (![0, 1, 2].every((part) => pixels[4 * n + part] === mark[part])) continue;
+    const y = Math.floor(n / width);
+    const sum = sums[y < height / 2 ? 0 : 1];
+    sum[0] += (n % width) + 0.5;
+    sum[1] += y + 0.5;
+    sum[2] += 1;
+  }
+  return sums.map(([x, y, count]) => [x / count / curves.ratio, y / count / curves.ratio]);
+}"""
+# edges of the panels [px]: left, right, and lower and upper of pressure and waveform
+PANELS = """() => {
+  const pump = document.querySelector(".living-pump").pump;
+  const edges = [pump.pixelOf(0), pump.pixelOf(2 * Math.PI)];
+  for (const isUpper of [true, false]) {
+    edges.push(pump.heightOf(0, isUpper), pump.heightOf(1, isUpper));
+  }
+  return edges;
+}"""
+
+
+@pytest.mark.parametrize("degrees", [0, 16, 197, 290])
+def test_a_scrubbed_pump_shows_angle_pressure_and_waveform_of_the_twin(
+    browser, address: str, degrees: int
+) -> None:
+    for tab in tabs(browser, address, reduced_motion="reduce"):
+        enter(tab, "#twin")
+        tab.locator(".living-pump select").select_option("1")
+        tab.get_by_label("Shaft angle").fill(str(degrees))
+        left, right, *edges = tab.evaluate(PANELS)
+        dots = tab.evaluate(DOTS)
+
+        condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
+        turn = solve_turn(Twin(load_pump("25scy14-1b"), condition, bandwidth=3000.0))
+        for values, lowest, highest, (low, high), (x, y) in (
+            (turn.chamber[0], 0.0, 1.05 * turn.chamber.max(), edges[:2], dots[0]),
+            (
+                turn.acceleration[1],
+                -1.05 * np.abs(turn.acceleration[1]).max(),
+                1.05 * np.abs(turn.acceleration[1]).max(),
+                edges[2:],
+                dots[1],
+            ),
+        ):
+            angles = np.arange(values.size) * 360 / values.size
+            value = np.interp(degrees, angles, values, period=360)
+            assert x == pytest.approx(left + (right - left) * degrees / 360, abs=1)
+            share = (value - lowest) / (highest - lowest)
+            assert y == pytest.approx(low + (high - low) * share, abs=1)
+        assert tab.locator(".living-pump output").inner_text().startswith(f"{degrees}°")
+
+
+@pytest.mark.parametrize(("motion", "is_turning"), [("no-preference", True), ("reduce", False)])
+def test_the_pump_turns_unless_motion_is_unwanted(
+    browser, address: str, motion: str, is_turning: bool
+) -> None:
+    for tab in tabs(browser, address, reduced_motion=motion):
+        enter(tab, "#twin")
+        angle = "document.querySelector('.living-pump').pump.angle"
+        start = tab.evaluate(angle)
+        tab.wait_for_timeout(500)
+        assert (tab.evaluate(angle) != start) == is_turning
+
+        tab.get_by_role("button", name="the pump").click()
+        start = tab.evaluate(angle)
+        tab.wait_for_timeout(500)
+        assert (tab.evaluate(angle) != start) != is_turning
 
 
 def test_a_verdict_shows_the_nearest_training_recordings(tab) -> None:

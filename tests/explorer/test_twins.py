@@ -69,6 +69,14 @@ def test_the_drawing_marks_the_faulty_part(client: TestClient) -> None:
     assert "marked: piston" in drawing
 
 
+def test_the_pump_turns_with_the_fault_of_the_sliders(client: TestClient) -> None:
+    worn = request_lines(client, fault="piston", dimensions={"clearance": 60e-6})["turn"]
+
+    assert worn["fault"]["piston"] == 0
+    assert "60 µm" in worn["fault"]["sentence"]
+    assert worn["chamber"] != request_lines(client)["turn"]["chamber"]
+
+
 def test_a_dimension_that_the_fault_lacks_is_refused(client: TestClient) -> None:
     setting = {**SETTING, "fault": "piston", "dimensions": {"size": 1.0}}
     answer = send(client, "/api/twin_lines", setting)

@@ -63,9 +63,10 @@ def build_explorer(
     _add_reading(application, workspace, views, twins, diagnoses)
     _add_changes(application, page_token, workspace, twins, diagnoses)
 
-    # The style sheet and the icon are those of the watch's page.
+    # The style sheet and the icon are those of the watch's page, the turning pump the reports'.
     packages: list[str | tuple[str, str]] = [
         (__package__, "static"),
+        ("swashtwin.report", "static"),
         ("swashtwin.monitoring.page", "static"),
     ]
     application.mount("/static", StaticFiles(packages=packages))

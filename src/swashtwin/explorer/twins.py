@@ -36,7 +36,7 @@ from swashtwin.pump import (
     read_nameplate,
 )
 from swashtwin.recordings import INDEX_NAME, Recording, Recordings
-from swashtwin.report import render_cutaway
+from swashtwin.report import describe_turn, render_cutaway
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Calibration, MeasuredLines
@@ -186,7 +186,7 @@ class TwinWorkbench:
         return condition
 
     def lines(self, setting: Setting) -> dict[str, Any]:
-        """Return the line amplitudes of a twin, the measured ones, and their misfit."""
+        """Return the line amplitudes of a twin, the measured ones, their misfit, and one turn."""
         import torch
 
         twin, calibration = self._twin(setting)
@@ -195,6 +195,7 @@ class TwinWorkbench:
 
         content = _describe_twin(twin, calibration)
         content |= {"amplitude": amplitude, "measured": None, "reason": ""}
+        content["turn"] = describe_turn(twin)
         try:
             measured = self._lines_to_compare(setting, twin, calibration)
         except SwashTwinError as cause:

@@ -37,6 +37,9 @@ from .twin.batch import accelerations as accelerations
 from .twin.model import Sensitivity as Sensitivity
 from .twin.model import Twin as Twin
 from .twin.model import sensitivities as sensitivities
+from .twin.one_turn import TURN_POINTS as TURN_POINTS
+from .twin.one_turn import OneTurn as OneTurn
+from .twin.one_turn import solve_turn as solve_turn
 from .twin.port_timing import PORT_ANGLES as PORT_ANGLES
 from .twin.port_timing import PORT_TOLERANCE as PORT_TOLERANCE
 from .twin.port_timing import PortTiming as PortTiming

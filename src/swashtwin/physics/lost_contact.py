@@ -60,9 +60,19 @@ def pressing_force(
     ----------
     angle : shaft angle [rad]. The force is not below 0.
     """
-    group = pump.rotating_group
     tight = chamber_pressures(LoadCase(pump, condition))
     pressure = np.interp(angle, tight.angle, tight.chamber[0], period=2 * math.pi)
+    return pressing_force_of(pump, condition, angle, pressure)
+
+
+def pressing_force_of(
+    pump: Pump,
+    condition: OperatingCondition,
+    angle: Float[np.ndarray, "*batch"],
+    pressure: Float[np.ndarray, "*batch"],
+) -> Float[np.ndarray, "*batch"]:
+    """Return the force [N] of `pressing_force` for other chamber pressures [Pa]."""
+    group = pump.rotating_group
     spring = pump.coupling.spring_preload / group.piston_count
     force = group.piston_area * (pressure - condition.case_pressure) + spring
 

@@ -1,6 +1,7 @@
 /** A pump's twin: its lines over measured ones, calibration, windows, and new pumps. */
 import { Chart } from "./chart.js";
 import { element, foldedList, scrollTable, selectMenu, showMessage } from "./elements.js";
+import { LivingPump } from "./living_pump.js";
 import { formatLabel, formatNumber } from "./numbers.js";
 import { Stems } from "./series.js";
 import { attempt, attemptQuietly, request, send } from "./server.js";
@@ -71,6 +72,8 @@ class TwinPage {
     this.notes = element("div");
     this.job = element("div", { role: "status" });
     this.cutaway = element("div");
+    this.pumpPlace = element("div", { class: "living-pump" });
+    this.pump = new LivingPump(this.pumpPlace);
     this.misfit = element("div");
     this.savingForm = this.makeSavingForm();
     this.savingForm.hidden = true;
@@ -128,6 +131,7 @@ class TwinPage {
     place.append(
       element("div", { class: "row tight" }, menus),
       this.summary,
+      this.pumpPlace,
       element(
         "div",
         { class: "twin" },
@@ -376,6 +380,7 @@ class TwinPage {
    */
   showLines(lines) {
     const { measured } = lines;
+    this.pump.show(lines.turn);
     const channels = measured?.channels ?? lines.channels;
     if (this.charts.length !== channels.length) this.makeCharts(channels);
 

@@ -1,0 +1,277 @@
+"""The pump that turns on a page: its geometry, one revolution of its twin, and its fault.
+
+`static/living_pump.js` draws it, in mm, rad, MPa, N and m/s^2.
+"""
+
+import base64
+import math
+from dataclasses import dataclass
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from markupsafe import Markup
+
+from swashtwin.foundation import json_text, plural, to_table
+from swashtwin.plot import format_label
+from swashtwin.pump import (
+    BoreDefect,
+    DamScratch,
+    Fault,
+    GrooveErosion,
+    LooseSlipper,
+    PistonWear,
+    Pump,
+    SealingLandScratch,
+    TiltedBlockFace,
+    ValvePlateWear,
+)
+from swashtwin.report.drawing import build_cutaways
+
+if TYPE_CHECKING:
+    from swashtwin.physics import Twin
+
+DRAWN_SIZE_MM = 4.0
+"""Size at which a fault of micrometers is drawn, so that it is seen on a pump of a hand's width."""
+
+_LARGEST_INTEGER = 32767
+
+
+@dataclass(frozen=True, eq=False)
+class LivingPump:
+    """A block of a page: a twin's pump that turns, with its pressures and its waveform."""
+
+    kind: ClassVar[str] = "living_pump"
+    content: dict[str, Any]
+    """What `describe_turn` returns."""
+    caption: str
+    """Which pump is drawn, and how far it is that of the reader."""
+
+    @property
+    def json(self) -> Markup:
+        """The content as the text of a script element, which it cannot end."""
+        return Markup(json_text(self.content).replace("<", "\\u003c"))
+
+
+def describe_turn(twin: "Twin") -> dict[str, Any]:
+    """Return what the script draws of a twin: geometry, one revolution, and the fault."""
+    from swashtwin.physics import solve_turn
+
+    pump = twin.port_timing.apply(twin.pump)
+    turn = solve_turn(twin)
+    return {
+        "description": _describe(twin),
+        "shape": _shape(pump, twin.fault),
+        "sensors": [
+            {
+                "name": sensor.name,
+                "position": [round(1e3 * length, 2) for length in sensor.position],
+            }
+            for sensor in pump.sensors
+        ],
+        "chamber": _packed(1e-6 * turn.chamber),
+        "discharge": _packed(1e-6 * turn.discharge),
+        "contact": _packed(turn.contact),
+        "displacement": _packed(1e3 * turn.displacement),
+        "waveform": _packed(turn.acceleration),
+        "fault": _describe_fault(twin),
+    }
+
+
+def _packed(values: np.ndarray) -> dict[str, Any]:
+    """Return rows of numbers as 16-bit integers in base 64 and their factor.
+
+    A page that is drawn while a slider moves has no time for the digits of ten thousand numbers.
+    """
+    largest = float(np.abs(values).max()) or 1.0
+    integers = np.round(values * (_LARGEST_INTEGER / largest)).astype("<i2")
+    return {
+        "rows": len(np.atleast_2d(values)),
+        "factor": largest / _LARGEST_INTEGER,
+        "integers": base64.b64encode(integers.tobytes()).decode(),
+    }
+
+
+def _describe(twin: "Twin") -> str:
+    """Return the drawing in words."""
+    group = twin.pump.rotating_group
+    state = "healthy" if twin.fault is None else f"fault: {format_label(twin.label)}"
+    return (
+        f"Section through the pump {twin.pump.name} and its valve plate seen along the shaft: "
+        f"{plural(group.piston_count, 'piston')} on a circle of {2e3 * group.pitch_radius:.3g} mm, "
+        f"swash plate at {math.degrees(group.swash_angle):.3g}°; {state}"
+    )
+
+
+def _shape(pump: Pump, fault: Fault | None) -> dict[str, Any]:
+    """Return the geometry that is drawn, in mm and rad; ports as the fault leaves them."""
+    from swashtwin.physics import port_change
+
+    group = pump.rotating_group
+    plate = pump.valve_plate
+    advance = port_change(fault, np.zeros(1)).advance
+    lengths = {
+        "radius": group.pitch_radius,
+        "piston": group.piston_diameter,
+        "slipper": group.slipper_diameter,
+        "guide": group.piston_guide_length,
+        "dead": group.dead_volume / group.piston_area,
+        "plate": pump.positions.valve_plate,
+        "outer": plate.outer_land_outer_radius,
+        "kidney": plate.outer_land_inner_radius - plate.inner_land_outer_radius,
+    }
+    angles = {
+        "swash": group.swash_angle,
+        "suctionOpen": plate.suction_open - advance,
+        "suctionClose": plate.suction_close,
+        "dischargeOpen": plate.discharge_open - advance,
+        "dischargeClose": plate.discharge_close,
+        "ramp": plate.port_ramp,
+        "groove": plate.groove_angle,
+    }
+    return {
+        **{name: round(1e3 * length, 3) for name, length in lengths.items()},
+        **{name: round(angle, 5) for name, angle in angles.items()},
+    }
+
+
+@dataclass(frozen=True)
+class _Effect:
+    """How the script draws a fault; lengths are in mm and already enlarged."""
+
+    sentence: str = ""
+    """What is seen, and how much larger it is drawn."""
+    piston: int | None = None
+    """Index of the only faulty piston; `None` if all pistons meet the fault."""
+    scale: float = 1.0
+    """Factor on displacements."""
+    across: bool = False
+    """Whether displacements are lateral rather than along the shaft."""
+    leak: str = ""
+    """Where oil leaks: ``bore``, ``land`` or ``film``."""
+    gap: float = 0.0
+    """Clearance around the piston, or film on the valve plate."""
+    recess: tuple[float, float, float] | None = None
+    """Angle of the middle [rad], angle that it spans [rad], and depth."""
+    scratch: bool = False
+    """Whether a scratch crosses the dam at bottom dead center."""
+    tilt: bool = False
+    """Whether the face of the block is out of square."""
+
+
+def _describe_fault(twin: "Twin") -> dict[str, Any] | None:
+    """Return which parts a fault marks, where it acts, and how much larger it is drawn."""
+    if twin.fault is None:
+        return None
+    cutaways = build_cutaways(twin.label)
+    return {
+        "label": format_label(twin.label),
+        "parts": cutaways[0].parts if cutaways else (),
+        **to_table(_draw_fault(twin.fault, twin.pump)),
+    }
+
+
+def _enlargement(length: float) -> float:
+    """Return the round factor by which a length [m] is at most `DRAWN_SIZE_MM`; at least 1."""
+    largest = DRAWN_SIZE_MM / (1e3 * length)
+    if largest <= 1:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(largest))
+    return max(factor * power for factor in (1, 2, 5) if factor * power <= largest)
+
+
+def _micrometers(length: float) -> str:
+    return f"{1e6 * length:.3g} µm"
+
+
+@singledispatch
+def _draw_fault(fault: Fault, pump: Pump) -> _Effect:
+    """Return how a fault is drawn: unless registered otherwise by its recess, or its part alone."""
+    from swashtwin.physics import find_recess
+
+    recess = find_recess(fault)
+    if recess is None:
+        return _Effect()
+    scale = _enlargement(recess.depth)
+    span = recess.length / pump.rotating_group.pitch_radius
+    return _Effect(
+        f"The recess is {_micrometers(recess.depth)} deep, and drawn {scale:g} times as deep.",
+        scale=scale,
+        recess=(recess.angle, span, 1e3 * scale * recess.depth),
+    )
+
+
+@_draw_fault.register
+def _(fault: PistonWear, pump: Pump) -> _Effect:
+    scale = _enlargement(fault.clearance)
+    return _Effect(
+        f"Oil leaks past piston {fault.piston + 1}, whose clearance is larger by "
+        f"{_micrometers(fault.clearance)}, drawn {scale:g} times as wide.",
+        piston=fault.piston,
+        leak="bore",
+        gap=1e3 * scale * fault.clearance,
+    )
+
+
+@_draw_fault.register
+def _(fault: BoreDefect, pump: Pump) -> _Effect:
+    scale = _enlargement(fault.depth)
+    return _Effect(
+        f"Piston {fault.bore + 1} gives way by up to {_micrometers(fault.depth)} in its damaged "
+        f"bore, drawn {scale:g} times as far.",
+        piston=fault.bore,
+        scale=scale,
+        across=True,
+    )
+
+
+@_draw_fault.register
+def _(fault: SealingLandScratch, pump: Pump) -> _Effect:
+    return _Effect(
+        f"Oil leaks from chamber {fault.bore + 1} through a scratch of the sealing land; the jet "
+        "is not to scale.",
+        piston=fault.bore,
+        leak="land",
+    )
+
+
+@_draw_fault.register
+def _(fault: TiltedBlockFace, pump: Pump) -> _Effect:
+    return _Effect("The worn face of the block is drawn far more tilted than it is.", tilt=True)
+
+
+@_draw_fault.register
+def _(fault: ValvePlateWear, pump: Pump) -> _Effect:
+    scale = _enlargement(fault.film_increase)
+    return _Effect(
+        f"The film on the valve plate is thicker by {_micrometers(fault.film_increase)}, drawn "
+        f"{scale:g} times as thick.",
+        leak="film",
+        gap=1e3 * scale * fault.film_increase,
+    )
+
+
+@_draw_fault.register
+def _(fault: DamScratch, pump: Pump) -> _Effect:
+    return _Effect(
+        "A scratch across the dam connects chambers to the outlet early at bottom dead center; "
+        "its width is not to scale.",
+        scratch=True,
+    )
+
+
+@_draw_fault.register
+def _(fault: GrooveErosion, pump: Pump) -> _Effect:
+    advance = math.degrees(fault.advance)
+    return _Effect(f"The ports open {advance:.3g}° earlier, drawn to scale.")
+
+
+@_draw_fault.register
+def _(fault: LooseSlipper, pump: Pump) -> _Effect:
+    scale = _enlargement(fault.clearance)
+    return _Effect(
+        f"Piston {fault.slipper + 1} rattles by {_micrometers(fault.clearance)} in its ball "
+        f"joint, drawn {scale:g} times as far.",
+        piston=fault.slipper,
+        scale=scale,
+    )

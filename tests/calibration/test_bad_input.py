@@ -9,8 +9,8 @@ import pytest
 from twin_recordings import SIX_VALUES, recording_of
 
 from swashtwin.calibration import GaussNewton, calibrate, measure
-from swashtwin.calibration.speed_detection import detect_speed
-from swashtwin.foundation import DataError, MPa, UnitError, um
+from swashtwin.calibration.speed_detection import detect_speed, require_piston_count
+from swashtwin.foundation import DataError, InputError, MPa, UnitError, um
 from swashtwin.physics import Twin
 from swashtwin.pump import CLASSES, OperatingCondition, PistonWear, Pump
 from swashtwin.recordings import Recording
@@ -156,6 +156,24 @@ def test_every_wrongly_specified_speed_is_detected_for_every_class_and_pressure(
         speed = detect_speed(recording, factor * true_speed, 7)
         assert speed.contradicts, recording.recording_id
         assert speed.detected == pytest.approx(true_speed, rel=0.01)
+
+
+def test_lines_refuse_another_piston_count(rig: list[Recording]) -> None:
+    recordings = [recording for recording in rig if recording.label == "normal"]
+    require_piston_count(recordings, 7, remedy="")
+    for wrong_count in (5, 9, 11):
+        message = f"of a pump with 7 pistons at the specified speed, not of one with {wrong_count}"
+        with pytest.raises(InputError, match=message):
+            require_piston_count(recordings, wrong_count, remedy="")
+
+
+def test_hidden_lines_and_short_recordings_refuse_no_piston_count(recording: Recording) -> None:
+    noise = np.random.default_rng(0).standard_normal(recording.signal.shape)
+    hidden = replace(recording, signal=noise)
+    half_a_second = round(0.5 * recording.sample_rate)
+    short = replace(recording, signal=recording.signal[:, :half_a_second])
+    for unclear in (hidden, short):
+        require_piston_count([unclear], 9, remedy="")
 
 
 def test_lines_hidden_by_noise_contradict_no_speed(recording: Recording) -> None:

@@ -529,6 +529,10 @@ def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) 
 
     assert json.loads(trained_by.stdout)["healthy"] == 2
 
+    contradicted = run("model", "adapt", "25scy14-1b", folder, "--pistons", "9", code=3)
+    assert "of a pump with 7 pistons" in " ".join(contradicted.stderr.split())
+    assert "Specify --pistons" in " ".join(contradicted.stderr.split())
+
     refused = run("diagnose", "25scy14-1b", folder / "2.h5", code=3)
     assert "adapt it to healthy recordings" in refused.stderr
     result = run("diagnose", model, folder / "2.h5", "--json")

@@ -45,5 +45,6 @@ from .severity.severity_search import estimate_severity as estimate_severity
 from .spectrum_objective import Objective as Objective
 from .spectrum_objective import build_objective as build_objective
 from .speed_detection import detect_speed as detect_speed
+from .speed_detection import require_piston_count as require_piston_count
 from .unknowns import VALUE_SLICE as VALUE_SLICE
 from .unknowns import Nuisances as Nuisances

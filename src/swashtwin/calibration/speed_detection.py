@@ -5,13 +5,15 @@ comb: only at the true speed do all its teeth meet lines and all gaps between th
 that was specified wrongly can be detected.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError
-from swashtwin.recordings import Recording
+from swashtwin.foundation import DataError, InputError
+from swashtwin.pump import is_healthy
+from swashtwin.recordings import Recording, specified_shaft_frequency
 from swashtwin.signals import power_density
 
 SPEED_TOLERANCE = 0.0125
@@ -30,6 +32,12 @@ wrong ones 0.46 and less.
 
 PISTON_COUNTS = range(5, 12)
 """Numbers of pistons that axial piston pumps usually have."""
+
+# Recordings whose lines are examined for the piston count, healthy ones first.
+_MAX_EXAMINED = 3
+
+# Turns of the shaft that a recording needs for its lines to be separated.
+_MIN_TURNS = 12
 
 # Combs of at least this share of the greatest contrast are as clear as the clearest one.
 _TIE_SHARE = 0.8
@@ -135,6 +143,50 @@ def require_consistent_speed(
             f"rate of {recording.sample_rate:g} Hz, or the pump's piston count).",
             field="speed",
         )
+
+
+def require_piston_count(
+    recordings: Sequence[Recording], piston_count: int, *, remedy: str
+) -> None:
+    """Refuse a piston count if the lines of one machine's recordings clearly show another one.
+
+    The first recordings that specify a speed and have enough turns are examined, healthy ones
+    first. They pass if the lines of one agree, or if none clearly shows another count.
+
+    Parameters
+    ----------
+    remedy : sentence on what to correct; fields stand in braces.
+
+    Raises
+    ------
+    InputError
+        The lines show another piston count; the message names it.
+    """
+    contradiction: tuple[Recording, int] | None = None
+    n_examined = 0
+    for recording in sorted(recordings, key=lambda item: not is_healthy(item.label or "normal")):
+        shaft_frequency = specified_shaft_frequency(recording)
+        if not shaft_frequency or recording.duration * shaft_frequency < _MIN_TURNS:
+            continue
+
+        speed = detect_speed(recording, shaft_frequency, piston_count)
+        if speed.is_clear and not speed.contradicts:
+            return
+        other_count = _find_piston_count(speed, piston_count)
+        if speed.contradicts and other_count is not None and contradiction is None:
+            contradiction = (recording, other_count)
+        n_examined += 1
+        if n_examined == _MAX_EXAMINED:
+            break
+
+    if contradiction is None:
+        return
+    recording, other_count = contradiction
+    raise InputError(
+        f"{recording.recording_id} has the piston-pass lines of a pump with {other_count} pistons "
+        f"at the specified speed, not of one with {piston_count}.",
+        remedy=remedy,
+    )
 
 
 def _find_piston_count(speed: DetectedSpeed, piston_count: int) -> int | None:

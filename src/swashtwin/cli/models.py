@@ -36,6 +36,7 @@ from swashtwin.foundation import InputError, plural
 if TYPE_CHECKING:
     from swashtwin.diagnosis import AlarmScores, ChangeLibrary, Exclusion, LibraryPump
     from swashtwin.learning import ConfidenceScores, Scores
+    from swashtwin.recordings import Recording
 
 _PRIOR_MARKS = artifact_marks("prior classifier")
 _LIBRARY_KIND = "change library"
@@ -389,6 +390,11 @@ def adapt(
 
     pump_prior = PriorClassifier.load(design)
     recordings = load_recordings(source)
+    _require_piston_count(
+        recordings,
+        pump_prior.bands.piston_count if pistons is None else pistons,
+        remedy="Specify {pistons}, or correct the speed of the recordings.",
+    )
     n_unlabeled = sum(recording.label is None for recording in recordings)
     fault_of = declared_faults(source)
     use = None
@@ -433,6 +439,17 @@ def adapt(
         print_text(f"Next: swashtwin diagnose {out} FILE")
 
     print_result(result, as_json, show)
+
+
+def _require_piston_count(
+    recordings: "Sequence[Recording]", piston_count: int, *, remedy: str
+) -> None:
+    """Refuse a piston count that the lines of a machine contradict."""
+    from swashtwin.calibration import require_piston_count
+
+    for machine in dict.fromkeys(recording.specimen for recording in recordings):
+        members = [recording for recording in recordings if recording.specimen == machine]
+        require_piston_count(members, piston_count, remedy=remedy)
 
 
 def library(
@@ -530,4 +547,10 @@ def _read_library(source: Path, pump: str, specimens: Sequence[str]) -> "ChangeL
     if specimens and not recordings:
         names = " or ".join(map(repr, specimens))
         raise InputError(f"{source} has no recording of the machine {names}.", field="specimen")
-    return measure_library(recordings, load_pump(pump), fault_of=declared_faults(source))
+    design = load_pump(pump)
+    _require_piston_count(
+        recordings,
+        design.rotating_group.piston_count,
+        remedy="Specify the design with {pump}, or correct the speed of the recordings.",
+    )
+    return measure_library(recordings, design, fault_of=declared_faults(source))

@@ -23,6 +23,7 @@ from swashtwin.diagnosis import (
     make_prior,
     prior_head,
 )
+from swashtwin.diagnosis.fault_separation import describe_separation
 from swashtwin.diagnosis.prior_classifier import SHIPPED
 from swashtwin.foundation import (
     ArtifactError,
@@ -36,6 +37,7 @@ from swashtwin.foundation import (
     um,
     write_artifact,
 )
+from swashtwin.monitoring.alarms.suspect import Suspect
 from swashtwin.physics import Twin
 from swashtwin.pump import (
     BoreDefect,
@@ -357,6 +359,41 @@ def test_an_answer_of_a_prior_below_80_percent_is_not_certain(
     verdict = Diagnosis("new", "prior", label=likeliest, probabilities=by_class)
 
     assert verdict.sentence().startswith(sentence)
+
+
+@pytest.mark.parametrize(
+    ("candidates", "channels", "sentence"),
+    [
+        (
+            ("piston", "cylinder_block"),
+            ("cover_z", "body_y"),
+            "repeated recording does (77 %): check both parts.",
+        ),
+        (("cylinder_block", "piston"), ("body_x",), "a sensor at body_y separates them in 72 %."),
+        (("piston", "valve_plate"), ("cover_z",), "at the same operating point gives 97 %."),
+        (("piston", "normal"), ("cover_z",), ""),
+        (("piston",), ("cover_z",), ""),
+        (("piston", "cylinder_block"), ("x",), ""),
+    ],
+)
+def test_two_faults_that_are_not_separated_name_what_would_separate_them(
+    candidates: tuple[str, ...], channels: tuple[str, ...], sentence: str
+) -> None:
+    text = describe_separation(candidates, channels)
+    assert text.endswith(sentence)
+    assert bool(text) == bool(sentence)
+
+
+def test_an_answer_of_two_faults_holds_their_separation(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = adapted()
+    probability = np.array([[0.0, 0.0, 0.4, 0.6, 0.0, 0.0]])
+    monkeypatch.setattr(prior_head.PriorHead, "predict_proba", lambda head, change: probability)
+    verdict = model.diagnose(recording("piston", 9))
+
+    assert verdict.candidates == ("piston", "cylinder_block")
+    assert verdict.separation == verdict.notes[0]
+    assert verdict.to_dict()["candidates"] == ["piston", "cylinder_block"]
+    assert "check both parts" in Suspect.of(verdict).sentence
 
 
 def test_the_page_and_the_table_of_an_uncertain_prior_begin_with_not_certain() -> None:

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Float64, Int, Int64, Shaped
 
 from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
 from swashtwin.diagnosis.changed_sensors import HealthyComparison, describe_mismatch
+from swashtwin.diagnosis.fault_separation import describe_separation
 from swashtwin.diagnosis.prior_head import (
     FEW_SHOT_WEIGHT,
     MIN_LINE_CHANGE,
@@ -485,7 +486,7 @@ class PriorClassifier:
         if label in LOOKALIKES and not reasons:
             notes = (LOOKALIKES[label], *notes)
 
-        return replace(
+        diagnosis = replace(
             diagnosis,
             label=label,
             unknown=bool(reasons),
@@ -497,6 +498,10 @@ class PriorClassifier:
             reasons=reasons,
             notes=notes,
         )
+        separation = describe_separation(diagnosis.candidates, self.channels)
+        if diagnosis.unknown or not separation:
+            return diagnosis
+        return replace(diagnosis, separation=separation, notes=(separation, *notes))
 
     def _describe_doubts(
         self,

@@ -79,6 +79,9 @@ class Diagnosis:
     """Number of these recordings."""
     reasons: tuple[str, ...] = ()
     """Sentences on what lies outside the training's range; `notes` holds them too."""
+    separation: str = ""
+    """Which further measurement would separate the faults of `candidates`; of a prior. `notes`
+    holds it too."""
     shifts: tuple[str, ...] = ()
     """Sentences on channels whose band powers all changed alike; of a detector."""
     changes: tuple[BandPowerChange, ...] = ()
@@ -231,6 +234,7 @@ class Diagnosis:
         table = {name: value for name, value in vars(self).items() if name not in _PAGE_FIELDS}
         return {
             "verdict": self.verdict,
+            "candidates": list(self.candidates),
             **to_table(table),
             "alarm": self.alarm,
             "n_windows": self.n_windows,

@@ -84,6 +84,8 @@ class Suspect:
         if probabilities[ranked_labels[0]] >= SURE_PROBABILITY:
             return cls("sure", f"Suspect: {first}.", diagnosis.label, probabilities, p_value)
         sentence = f"Suspect, unsure: {first}, or {second}."
+        if diagnosis.separation:
+            sentence = f"{sentence} {diagnosis.separation}"
         return cls("unsure", sentence, diagnosis.label, probabilities, p_value)
 
     @classmethod

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from collections import defaultdict
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -14,16 +15,6 @@ ROOT = Path(__file__).parents[2]
 
 EXTRAS = ("torch", "numba", "onnx", "onnxruntime", "onnxscript")
 """Packages that the base install lacks."""
-
-DISTRIBUTIONS = {
-    "argon2": "argon2_cffi",
-    "h11": "uvicorn",
-    "markupsafe": "jinja2",
-    "paho": "paho_mqtt",
-    "sklearn": "scikit_learn",
-    "starlette": "fastapi",
-}
-"""Packages that are installed under another name, or with another package."""
 
 ROOMS = (
     "foundation",
@@ -102,24 +93,44 @@ def test_rooms_below_learning_import_only_packages_of_the_base_install(room: str
     assert not imported_packages(room).keys() & set(EXTRAS)
 
 
-def test_every_imported_package_is_declared() -> None:
+def promised_modules() -> list[tuple[str, str, str]]:
+    """Return each module that a call of `load_extra` or `require_modules` asks for.
+
+    Each has the extra that the call names, and the file.
+    """
+    promises = []
+    for path in (ROOT / "src" / "swashtwin").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
+                continue
+            texts = [item.value for item in node.args if isinstance(item, ast.Constant)]
+            if node.func.id == "load_extra" and len(texts) == len(node.args):
+                promises.append((texts[0], texts[1], path.name))
+            elif node.func.id == "require_modules":
+                extra = next(item.value for item in node.keywords if item.arg == "extra")
+                assert isinstance(extra, ast.Constant)
+                promises += [(module, extra.value, path.name) for module in texts]
+    return promises
+
+
+def test_the_extra_that_an_error_names_installs_the_missing_package() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    requirements = list(project["dependencies"])
-    for extra, extra_requirements in project["optional-dependencies"].items():
-        # the package itself must not need what its documents and tests need
-        if extra not in ("docs", "test"):
-            requirements += extra_requirements
-    declared = set()
-    for requirement in requirements:
-        name = re.split(r"[\[><=]", requirement)[0]
-        declared.add(name.lower().replace("-", "_"))
+    distributions = packages_distributions()
 
-    undeclared = {}
-    for package, files in imported_packages().items():
-        is_own = package in ("swashtwin", "swashtwin_bench")
-        distribution = DISTRIBUTIONS.get(package, package)
-        is_declared = package.lower() in declared or distribution.lower() in declared
-        if not (is_own or is_declared or package in sys.stdlib_module_names):
-            undeclared[package] = files
+    broken = []
+    for module, extra, file in promised_modules():
+        requirements = project["optional-dependencies"][extra]
+        installed = {
+            canonical(re.split(r"[\[><=]", requirement)[0]) for requirement in requirements
+        }
+        names = {canonical(name) for name in distributions.get(module, [module])}
+        if not names & installed:
+            broken.append((file, module, extra))
 
-    assert undeclared == {}
+    assert len(promised_modules()) > 10
+    assert broken == []
+
+
+def canonical(name: str) -> str:
+    """Return the name of a distribution as an index compares it."""
+    return name.lower().replace("_", "-")

@@ -7,7 +7,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 from explored import ADDRESS_TOKEN, HEALTHY, WORN, open_explorer, send
@@ -305,9 +305,9 @@ def test_the_explore_command_serves_until_it_is_ended(folder: Path) -> None:
         # the printed address answers, and nothing else does
         match = re.search(r"http://\S+\?token=([\w-]{43})", line)
         assert match
-        assert httpx.get(match[0]).status_code == 200
-        assert httpx.get(f"http://127.0.0.1:{port}/").status_code == 403
-        assert httpx.get(f"http://127.0.0.1:{port}/?token=wrong").status_code == 403
+        assert httpx2.get(match[0]).status_code == 200
+        assert httpx2.get(f"http://127.0.0.1:{port}/").status_code == 403
+        assert httpx2.get(f"http://127.0.0.1:{port}/?token=wrong").status_code == 403
 
         process.terminate()
         output, errors = process.communicate(timeout=60)

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from httpx import Response
+from httpx2 import Response
 from starlette.testclient import TestClient
 
 from swashtwin.explorer import Workspace, build_explorer

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 from mqtt_broker import Broker, free_port, wait_for
 from watched_pumps import RATE, hum, watch_config, write_hum
@@ -107,7 +107,7 @@ def test_a_file_a_message_and_an_upload_are_judged(tmp_path: Path, broker: Broke
         wait_for(lambda: len(outcomes) == 2)
 
         content = write_recording(hum(3), tmp_path / "c.h5").read_bytes()
-        answer = httpx.post(
+        answer = httpx2.post(
             f"{address}/api/recordings",
             files={"file": ("c.h5", content)},
             data={"machine": "pump-1"},
@@ -115,7 +115,7 @@ def test_a_file_a_message_and_an_upload_are_judged(tmp_path: Path, broker: Broke
         assert answer.status_code == 202, answer.text
         wait_for(lambda: len(outcomes) == 3)
 
-        health = httpx.get(f"{address}/health")
+        health = httpx2.get(f"{address}/health")
         assert health.status_code == 200, health.text
 
     assert [outcome.state for outcome in outcomes] == ["learning"] * 3

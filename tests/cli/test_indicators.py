@@ -193,7 +193,7 @@ def test_trend_by_time_draws_the_loud_recording_among_the_others(
 
     assert answer["flagged"] == ["loud"]
     # the oldest first
-    assert [point["recording"] for point in answer["points"]][:2] == ["like", "loud"]
+    assert [point["recording_id"] for point in answer["points"]][:2] == ["like", "loud"]
     assert "loud" in out.read_text(encoding="utf-8")
     assert Path(answer["csv"]).read_text(encoding="utf-8").count("within") == 13
 
@@ -288,9 +288,9 @@ def test_a_recording_that_cannot_be_tracked_leaves_a_gap_and_is_named(tmp_path: 
     result = run("signal", "features", tmp_path, *options, "--json")
     assert "no orders: lost: the line at order 7" in result.stderr
 
-    rows = {row["recording"]: row for row in json.loads(result.stdout)["rows"]}
+    rows = {row["recording_id"]: row for row in json.loads(result.stdout)["rows"]}
     assert rows["loud"]["values"]["order_amplitude 7x"] == pytest.approx(1.6, rel=0.01)
-    assert rows["loud"]["speed_rad_s"] == pytest.approx(2 * np.pi * SHAFT_FREQUENCY, rel=1e-3)
+    assert rows["loud"]["speed"] == pytest.approx(2 * np.pi * SHAFT_FREQUENCY, rel=1e-3)
     assert rows["lost"]["values"]["order_amplitude 7x"] is None
     assert rows["lost"]["values"]["rms"] == pytest.approx(1.0, rel=0.05)
 

@@ -137,6 +137,26 @@ def test_the_number_of_channels_is_known_after_recordings_arrays_and_loading(cla
         loaded.predict(np.zeros((1, 2, 128)))
 
 
+def test_diagnoses_and_scores_are_rows_of_frames_and_tables_of_a_notebook(classifier):
+    pandas = pytest.importorskip("pandas")
+    diagnoses = [classifier.diagnose(recording) for recording in recordings("new")]
+    frame = pandas.concat([diagnosis.to_pandas() for diagnosis in diagnoses])
+    assert frame.verdict.tolist() == [diagnosis.verdict for diagnosis in diagnoses]
+    assert frame["probabilities.normal"].iloc[0] == diagnoses[0].probabilities["normal"]
+    assert "probability" in diagnoses[0]._repr_html_()
+    assert (
+        "probability"
+        not in replace(diagnoses[0], unknown=True, reasons=("a",), error_rate=0.1)._repr_html_()
+    )
+
+    scores = classifier.evaluate(recordings("new"))
+    row = scores.to_pandas().iloc[0]
+    assert (row["accuracy_interval.low"], row["recall.normal"]) == (
+        scores.accuracy_interval[0],
+        scores.recall["normal"],
+    )
+
+
 def test_recordings_get_one_answer_each_which_is_that_of_the_diagnosis(classifier):
     new = recordings("new")
     labels = classifier.predict(new)

@@ -32,10 +32,10 @@ def test_a_pump_and_its_twin_have_a_short_text(at_15: OperatingCondition) -> Non
 
 def test_a_table_escapes_its_texts_and_counts_the_rows_that_it_leaves_out() -> None:
     rows = [("<script>", None)] * 15
-    html = html_table("<b>", ("name", "\x1b"), rows, "", "a & b")
+    html = html_table("<a <b>>", ("name", "\x1b"), rows, "", "a & b")
 
     assert "<script>" not in html
     assert html.count("&lt;script&gt;") == 12
-    assert "&lt;b&gt;" in html
+    assert "<strong>a &lt;b</strong>" in html
     assert "\x1b" not in html
     assert "<p>3 more rows.</p><p>a &amp; b</p>" in html

@@ -235,6 +235,16 @@ def test_an_unknown_indicator_is_refused() -> None:
         indicators_of(pump()).column("rsm")
 
 
+def test_a_table_becomes_a_data_frame_with_units() -> None:
+    pytest.importorskip("pandas")
+    table = indicators_of(pump(), families=("time",))
+    frame = table.to_pandas()
+
+    assert frame.channel.tolist() == list(pump().channels)
+    assert frame.rms.tolist() == table.column("rms")[1].tolist()
+    assert frame.attrs["units"]["rms"] == pump().unit
+
+
 def test_a_table_of_no_recording_is_refused() -> None:
     with pytest.raises(DataError, match="No recording"):
         stack_tables([])

@@ -16,7 +16,9 @@ from swashtwin.foundation import (
     InputError,
     MissingFileError,
     as_path,
+    data_frame,
     from_table,
+    html_table,
     parse_json,
     plural,
     read_text,
@@ -94,6 +96,29 @@ class Calibration:
             f"{plural(len(self.recording_ids), 'recording')}; "
             f"identified: {identified or 'nothing'}>"
         )
+
+    def _repr_html_(self) -> str:
+        header = ("value", "calibrated", "90 % interval", "nominal", "unit", "verdict")
+        rows = []
+        for estimate in self.estimates:
+            low, high = estimate.interval
+            calibrated = f"{estimate.value:.3g}"
+            interval = f"{low:.3g} to {high:.3g}"
+            nominal = f"{estimate.nominal:.3g}"
+            rows.append(
+                (estimate.symbol, calibrated, interval, nominal, estimate.unit, estimate.verdict)
+            )
+        return html_table(repr(self), header, rows, self.doubt)
+
+    def to_pandas(self) -> Any:
+        """Return the estimates as a ``pandas.DataFrame``, one row for each of the six values.
+
+        Raises
+        ------
+        MissingExtraError
+            pandas is not installed.
+        """
+        return data_frame([asdict(estimate) for estimate in self.estimates])
 
     def estimate(self, name: str) -> Estimate:
         """Return the estimate of the parameter with that name or symbol."""

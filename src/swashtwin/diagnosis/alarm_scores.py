@@ -6,7 +6,7 @@ from typing import Any
 
 from swashtwin.diagnosis.recording_arguments import relabel_recordings, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
-from swashtwin.foundation import DataError, LeakError, short_repr, to_table
+from swashtwin.foundation import DataError, LeakError, data_frame, short_repr, to_table
 from swashtwin.pump import is_healthy, is_same_class
 from swashtwin.recordings import Manifest, Recording, build_manifest, describe_copies, find_copies
 
@@ -48,6 +48,16 @@ class AlarmScores:
     """Alarms of each class."""
 
     __repr__ = short_repr
+
+    def to_pandas(self) -> Any:
+        """Return the scores as a ``pandas.DataFrame``, one row for each class.
+
+        Raises
+        ------
+        MissingExtraError
+            pandas is not installed.
+        """
+        return data_frame(self.to_dict()["classes"])
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON can hold."""

@@ -12,7 +12,7 @@ from typing import Any
 
 from swashtwin.diagnosis.changed_bands import BandPowerChange
 from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum
-from swashtwin.foundation import plural, shorten, to_table
+from swashtwin.foundation import data_frame, html_table, plural, shorten, to_table
 from swashtwin.learning import CandidateChoice, Deviation
 from swashtwin.pump import is_healthy, propose_class
 from swashtwin.recordings import RecordingSummary
@@ -27,6 +27,10 @@ prediction set to overrule a prior; selected on fleets 100 and 101 of version 2 
 
 # Changes in the sentence of an alarm.
 _MAX_NAMED_CHANGES = 3
+
+
+# Notes below a diagnosis in a notebook.
+_MAX_SHOWN_NOTES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +108,18 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         return shorten(f"<Diagnosis of {self.recording_id}: {self.sentence()}>")
+
+    def _repr_html_(self) -> str:
+        rows = []
+        # of an unknown recording the probabilities would contradict the verdict
+        if self.label is not None and not self.unknown:
+            for name, probability in sorted(self.probabilities.items(), key=lambda item: -item[1]):
+                rows.append((name, f"{100 * probability:.1f} %"))
+        # without an error rate the sentence lists the same probabilities
+        sentence = "" if rows and self.error_rate is None else self.sentence()
+        title = f"{self.recording_id}: {self.verdict}"
+        notes = (sentence, *self.notes[:_MAX_SHOWN_NOTES])
+        return html_table(title, ("class", "probability"), rows, *notes)
 
     @property
     def verdict(self) -> str:
@@ -228,6 +244,18 @@ class Diagnosis:
         n_changes = _MAX_NAMED_CHANGES - len(self.shifts)
         changes = [change.sentence for change in self.changes[:n_changes]]
         return "; ".join([*self.shifts, *changes])
+
+    def to_pandas(self) -> Any:
+        """Return a ``pandas.DataFrame`` of one row, with the keys of `to_dict`.
+
+        ``pandas.concat`` joins those of several recordings.
+
+        Raises
+        ------
+        MissingExtraError
+            pandas is not installed.
+        """
+        return data_frame([self.to_dict()])
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON can hold, the verdict first, without what only pages draw."""

@@ -41,6 +41,7 @@ from .file_access import file_stamp as file_stamp
 from .file_access import read_text as read_text
 from .file_access import safe_file_name as safe_file_name
 from .file_access import sha256_of as sha256_of
+from .frames import data_frame as data_frame
 from .misspellings import closest_name as closest_name
 from .packages import VERSION as VERSION
 from .packages import __version__ as __version__

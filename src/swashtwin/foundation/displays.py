@@ -73,7 +73,7 @@ def html_table(
 
     Parameters
     ----------
-    title : sentence above the table.
+    title : sentence above the table; angle brackets of a `repr` are left out.
     header : names of the columns; empty for a table without them.
     notes : sentences below the table; empty ones are left out.
     """
@@ -83,9 +83,10 @@ def html_table(
     lines = [_html_row("td", row) for row in listed[:_MAX_ROWS]]
     head = f"<thead>{_html_row('th', header)}</thead>" if header else ""
     below = "".join(f"<p>{_html_text(note)}</p>" for note in notes if note)
+    table = f"<table>{head}<tbody>{''.join(lines)}</tbody></table>" if lines else ""
     return (
-        f"<div style='overflow-x:auto'><p><strong>{_html_text(title)}</strong></p>"
-        f"<table>{head}<tbody>{''.join(lines)}</tbody></table>{below}</div>"
+        f"<div style='overflow-x:auto'><p><strong>{_html_text(title.strip('<>'))}</strong></p>"
+        f"{table}{below}</div>"
     )
 
 

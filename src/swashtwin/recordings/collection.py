@@ -3,14 +3,24 @@
 import operator
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, LeakError, as_path, plural, shorten
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    LeakError,
+    as_path,
+    data_frame,
+    html_table,
+    plural,
+    shorten,
+)
 from swashtwin.pump import PRESSURE_TOLERANCE, is_same_class, merge_close_values, values_match
+from swashtwin.recordings.entry import CONDITION_FIELDS
 from swashtwin.recordings.file_loading import load_recording
 from swashtwin.recordings.findings import Finding, join_names
 from swashtwin.recordings.group_split import select_test_rows
@@ -23,6 +33,7 @@ from swashtwin.recordings.hdf5_store import is_store, load_store
 from swashtwin.recordings.index_reading import load_index
 from swashtwin.recordings.recording import Recording, require_unique_ids
 from swashtwin.recordings.recording_facts import specified_pressure, specified_speed
+from swashtwin.recordings.table_rows import table_rows
 
 # Values that a message lists.
 _MAX_LISTED_VALUES = 12
@@ -133,6 +144,98 @@ class Recordings(Sequence[Recording]):
         channels = " or ".join(str(count) for count in sorted(counts))
         parts.append(f"{channels} channel{'s' * (counts != {1})} at {rate}")
         return shorten(f"Recordings({len(self)}: {'; '.join(parts)})")
+
+    def _repr_html_(self) -> str:
+        header = (
+            "recording",
+            "class",
+            "specimen",
+            "speed",
+            "pressure",
+            "channels",
+            "rate",
+            "length",
+        )
+        rows = []
+        for recording in self._recordings:
+            speed = specified_speed(recording) * 30 / np.pi
+            pressure = specified_pressure(recording) / 1e6
+            cells = (
+                recording.recording_id,
+                recording.label,
+                recording.specimen,
+                "" if np.isnan(speed) else f"{speed:.5g} rev/min",
+                "" if np.isnan(pressure) else f"{pressure:.4g} MPa",
+                recording.n_channels,
+                f"{recording.sample_rate:g} Hz",
+                f"{recording.duration:.4g} s",
+            )
+            rows.append(cells)
+        return html_table(repr(self), header, rows)
+
+    def to_pandas(self) -> Any:
+        """Return the facts as a ``pandas.DataFrame``, one row for each recording, in SI units.
+
+        The columns are named as the attributes of `Recording` and `OperatingCondition`; each
+        further attribute has a column. ``where(ids=frame.recording_id)`` returns the recordings of
+        selected rows.
+
+        Raises
+        ------
+        MissingExtraError
+            pandas is not installed.
+
+        Examples
+        --------
+        >>> Recordings([Recording(np.ones((1, 100)), 50.0, "a")]).to_pandas().duration.tolist()
+        [2.0]
+        """
+        rows = []
+        for recording in self._recordings:
+            condition = dict.fromkeys(CONDITION_FIELDS.values(), np.nan)
+            if recording.condition is not None:
+                condition = asdict(recording.condition)
+            facts = {
+                "recording_id": recording.recording_id,
+                "label": recording.label,
+                "specimen": recording.specimen,
+                **condition,
+                "speed": specified_speed(recording),
+                "discharge_pressure": specified_pressure(recording),
+                "sample_rate": recording.sample_rate,
+                "duration": recording.duration,
+                "channels": recording.channels,
+                "unit": recording.unit,
+                "synthetic": recording.synthetic,
+            }
+            rows.append({**facts, **recording.attributes, **facts})
+        return data_frame(rows)
+
+    @classmethod
+    def from_frame(cls, frame: Any, folder: str | Path = ".", **facts: Any) -> "Recordings":
+        """Return the recordings of the files that a table lists; their samples are read on demand.
+
+        Parameters
+        ----------
+        frame : data frame of pandas or polars, one row for each file. The column ``file`` names it,
+            and other columns are facts as in `load_recording`: ``label``, ``specimen``, ``speed``,
+            ``pressure``. Numbers are in SI units, texts have a unit (``"860 rpm"``), and blank
+            cells are unknown. A column of another name becomes an attribute.
+        folder : folder of the files.
+        facts : facts of all files, such as ``unit="g"``.
+
+        Raises
+        ------
+        InputError
+            It is no such table, a name of a column is misspelt, or two recordings have one id.
+        DataError
+            A file is missing or damaged, or contradicts a fact.
+        """
+        recordings = []
+        for row in table_rows(frame):
+            path = Path(folder, row.pop("file"))
+            recordings.append(load_recording(path, **{**facts, **row}))
+        return cls._owning(recordings)
 
     @property
     def recording_ids(self) -> tuple[str, ...]:

@@ -5,13 +5,13 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NoReturn
 
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError, InputError, plain_text, plural
+from swashtwin.foundation import DataError, InputError, load_extra, plain_text, plural
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import BLOCK_SAMPLES
 from swashtwin.recordings.samples import Samples
@@ -211,6 +211,41 @@ class Recording:
         Recording('a': piston, 1 channel at 2 Hz, 2 s)
         """
         return replace(self, **changes)
+
+    def to_xarray(self) -> Any:
+        """Return the samples as an ``xarray.DataArray`` (channel, time), with facts as attributes.
+
+        Its coordinates are the names of the channels, the time [s], and the speed of the shaft
+        [rad/s] if it varies. Facts are in SI units; unknown ones are left out.
+
+        Raises
+        ------
+        MissingExtraError
+            xarray is not installed.
+        """
+        xarray = load_extra("xarray", "frames", "to_xarray")
+        coordinates: dict[str, Any] = {
+            "channel": list(self.channels),
+            "time": ("time", self.time, {"units": "s"}),
+        }
+        if self.speed is not None:
+            coordinates["speed"] = ("time", self.speed, {"units": "rad/s"})
+
+        facts: dict[str, Any] = {
+            **self.attributes,
+            **({} if self.condition is None else asdict(self.condition)),
+            "units": self.unit,
+            "recording_id": self.recording_id,
+            "label": self.label,
+            "specimen": self.specimen,
+            "sample_rate": self.sample_rate,
+            # a netCDF file holds no truth values
+            "synthetic": int(self.synthetic),
+        }
+        known_facts = {name: value for name, value in facts.items() if value is not None}
+        return xarray.DataArray(
+            self.signal, coordinates, ("channel", "time"), name="signal", attrs=known_facts
+        )
 
     def select_channels(self, channels: Sequence[str]) -> "Recording":
         """Return the same measurement with only `channels`, in that order."""

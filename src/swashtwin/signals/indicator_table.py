@@ -1,6 +1,7 @@
 """A table of indicators: one row for each recording and channel."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.foundation import DataError, InputError, csv_text, short_repr
+from swashtwin.foundation import DataError, InputError, csv_text, data_frame, short_repr
 from swashtwin.recordings import Recording, require_usable, specified_shaft_frequency
 from swashtwin.signals.indicators import BANDS, FAMILIES, Band, Indicator, IndicatorInput
 from swashtwin.signals.shaft_angle import ShaftAngle
@@ -41,12 +42,12 @@ class Row:
     def facts(self) -> dict[str, Any]:
         """The row without its channel, for JSON."""
         return {
-            "recording": self.recording_id,
-            "class": self.label,
+            "recording_id": self.recording_id,
+            "label": self.label,
             "specimen": self.specimen,
             "date": self.date,
-            "speed_rad_s": self.speed,
-            "pressure_pa": self.pressure,
+            "speed": self.speed,
+            "discharge_pressure": self.pressure,
         }
 
     @property
@@ -102,6 +103,31 @@ class IndicatorTable:
             facts = [row.recording_id, row.channel, row.label, row.specimen, row.date, *row.point]
             rows.append([_csv_cell(value) for value in [*facts, *values]])
         return csv_text(header, rows)
+
+    def to_pandas(self) -> Any:
+        """Return the table as a ``pandas.DataFrame`` in SI units, one row a recording and channel.
+
+        ``attrs["units"]`` of the frame holds the unit of each indicator. The name of one that has
+        several units ends with its unit.
+
+        Raises
+        ------
+        MissingExtraError
+            pandas is not installed.
+        """
+        counts = Counter(column.name for column in self.columns)
+        units = {}
+        for column in self.columns:
+            name = column.name if counts[column.name] == 1 else f"{column.name} [{column.unit}]"
+            units[name] = column.unit
+
+        rows = []
+        for row, values in zip(self.rows, self.values.tolist(), strict=True):
+            indicators = dict(zip(units, values, strict=True))
+            rows.append({**row.facts, "channel": row.channel, **indicators})
+        frame = data_frame(rows)
+        frame.attrs["units"] = units
+        return frame
 
     def to_dict(self) -> dict[str, Any]:
         """Return the table for JSON: columns with unit and meaning, rows with values by name."""

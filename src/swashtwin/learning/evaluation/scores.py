@@ -13,6 +13,7 @@ from swashtwin.foundation import (
     DataError,
     InputError,
     LeakError,
+    data_frame,
     finite_values,
     plural,
     random_stream,
@@ -306,6 +307,16 @@ class Scores:
             f"{self.recording_accuracy:.3f} over {recordings}, "
             f"macro recall {self.macro_recall:.3f}, classes {', '.join(self.classes)}>"
         )
+
+    def to_pandas(self) -> Any:
+        """Return the scores as a ``pandas.DataFrame`` of one row, with the keys of `to_dict`.
+
+        Raises
+        ------
+        MissingExtraError
+            pandas is not installed.
+        """
+        return data_frame([self.to_dict()])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the scores as JSON can hold them; NaN becomes None."""

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Float32, Float64, Int, Int64, Shaped
 from swashtwin.foundation import (
     DataError,
     InputError,
+    html_table,
     load_artifact,
     plural,
     save_artifact,
@@ -172,6 +173,15 @@ class WindowSet:
             f"{plural(self.n_channels, 'channel')}, {self.length} samples at "
             f"{self.sample_rate:g} Hz, classes {', '.join(self.classes)}>"
         )
+
+    def _repr_html_(self) -> str:
+        counts = self.counts()
+        pressures = list(dict.fromkeys(pressure for _, pressure in counts))
+        names = [
+            "no pressure" if value is None else f"{value / 1e6:.4g} MPa" for value in pressures
+        ]
+        rows = [(label, *(counts[label, value] for value in pressures)) for label in self.classes]
+        return html_table(repr(self), ("windows", *names), rows)
 
     @property
     def n_channels(self) -> int:

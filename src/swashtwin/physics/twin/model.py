@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from swashtwin.foundation import InputError, shorten
+from swashtwin.foundation import InputError, html_table, shorten
 from swashtwin.physics.dynamics import Structure, Topology, assemble
 from swashtwin.physics.excitation import find_recess
 from swashtwin.physics.steady import HarmonicBalance, SteadySolver
@@ -26,6 +26,7 @@ from swashtwin.physics.twin.response import (
     respond,
 )
 from swashtwin.pump import (
+    PARAMETERS,
     Fault,
     Interfaces,
     OperatingCondition,
@@ -86,6 +87,17 @@ class Twin:
             f"{format_quantity(self.condition.speed, 'rad/s')}, "
             f"{format_quantity(self.condition.discharge_pressure, 'Pa')}{fault}>"
         )
+
+    def _repr_html_(self) -> str:
+        values = self.interfaces or self.pump.interfaces
+        rows = []
+        for name, nominal, value in zip(
+            PARAMETERS, self.pump.interfaces.values(), values.values(), strict=True
+        ):
+            unit = "N*s/m" if name.endswith("damping") else "N/m"
+            rows.append((name, f"{value:.4g} {unit}", f"{nominal:.4g} {unit}"))
+        pump = repr(self.pump).strip("<>")
+        return html_table(repr(self), ("interface", "value", "nominal"), rows, pump)
 
     @property
     def label(self) -> str:

@@ -29,7 +29,38 @@ def test_a_spectrum_peaks_at_the_line_of_a_recording() -> None:
     # the marks are lines of two points
     curve = next(line for line in figure.axes[0].lines if len(line.get_xdata()) > 2)
     peak = curve.get_xdata()[np.argmax(curve.get_ydata())]
-    assert peak == pytest.approx(70, abs=0.2)
+    # over orders, since the speed is known
+    assert peak == pytest.approx(7, abs=0.02)
+
+
+def test_spectra_are_drawn_over_each_other_with_their_names_and_one_set_of_marks() -> None:
+    figure = plot.spectrum([tone(7), tone(9).replace(recording_id="b_c")], pistons=7)
+
+    names = [text.get_text() for text in figure.legends[-1].texts]
+    assert names == ["a", "b c"]
+    assert len([text for text in figure.axes[0].texts if text.get_text() == "7x"]) == 1
+
+
+def test_arrays_are_drawn_at_their_sample_rate() -> None:
+    wave = tone(7).signal[0]
+    figure = plot.spectrum([wave, wave[:8000]], sample_rate=4000.0)
+    curve = figure.axes[0].lines[0]
+    assert curve.get_xdata()[np.argmax(curve.get_ydata())] == pytest.approx(70, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ([], "no recording to draw"),
+        (np.ones((1, 100)), "give sample_rate in Hz"),
+        (["a.csv"], "Source 1 is a str"),
+        ([tone(7), tone(7).replace(unit="g")], "differ in unit"),
+        ([tone(7), tone(7).replace(channels=("x",))], "no channel in common"),
+    ],
+)
+def test_sources_that_share_no_axes_are_refused(source: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        plot.spectrum(source)
 
 
 def test_a_spectrum_names_the_multiples_of_the_pistons() -> None:

@@ -237,7 +237,7 @@ def test_an_unknown_indicator_is_refused() -> None:
 
 def test_a_table_becomes_a_data_frame_with_units() -> None:
     pytest.importorskip("pandas")
-    table = indicators_of(pump(), families=("time",))
+    table = indicators_of(pump(), families=("statistics",))
     frame = table.to_pandas()
 
     assert frame.channel.tolist() == list(pump().channels)

@@ -21,7 +21,8 @@ from swashtwin.plot.style import (
     label_log_axis,
     spread_labels,
 )
-from swashtwin.recordings import Recording
+from swashtwin.pump import SPEED_TOLERANCE
+from swashtwin.recordings import Recording, specified_speed, summarize_recordings
 from swashtwin.signals import LineSpectrum, LineSpectrumKind, Mark, spectrum_of
 
 
@@ -115,63 +116,79 @@ def _draw_matrix(panel: Axes, counts: Num[np.ndarray, "actual predicted"]) -> No
 MAX_POINTS = 3000
 """Maximum number of points drawn of one spectrum; each is the greatest line of its group."""
 
+SpectrumSource = Recording | LineSpectrum | np.ndarray
+"""What `spectrum` draws."""
+
+# End of an axis of orders without known pistons: the fifth multiple of eleven of them, and a little
+# beyond.
+_END_ORDER = 60.0
+
+# Colors of the second and further spectra of one figure.
+_OVERLAY_COLORS = ("#d55e00", "#56b4e9", "#aa4499", "#a89a1d", "#000000")
+
 # Color and name of a mark, by whether it is of the pistons.
 _MARK_STYLES = {False: ("#009e73", "shaft"), True: (CALIBRATED, "piston pass")}
 
 
 @figure_style()
 def spectrum(
-    source: Recording | LineSpectrum,
-    kind: LineSpectrumKind = "amplitude",
+    source: SpectrumSource | Sequence[SpectrumSource],
+    kind: LineSpectrumKind | None = None,
     *,
     pistons: int | None = None,
+    sample_rate: float | None = None,
 ) -> Figure:
     """Return a figure of the spectrum of each channel, with the lines that are expected of the
     shaft and of the pistons.
 
-    The axis ends a little beyond the last line of the pistons, or with the spectrum if their number
-    is not known.
+    Several sources are drawn over each other. The axis ends a little beyond the last line of the
+    pistons. If their number is not known, an axis of orders ends at 60, others with the spectrum.
 
     Parameters
     ----------
-    source : recording, or the result of `swashtwin.signals.spectrum_of`.
-    kind : of a recording: ``amplitude`` or ``envelope`` over frequency, ``order`` over multiples of
-        the shaft's frequency.
-    pistons : of a recording: number of pistons, to mark their lines.
+    source : recording, array (channel, time) or (time,), or the result of
+        `swashtwin.signals.spectrum_of`; or a list of these. Channels that all of them have are
+        drawn.
+    kind : of recordings: ``amplitude`` or ``envelope`` over frequency, ``order`` over multiples of
+        the shaft's frequency; by default ``order`` if all of them specify a speed.
+    pistons : of recordings: number of pistons, to mark their lines; by default the attribute
+        ``pistons``.
+    sample_rate : of arrays: samples per second [Hz].
 
     Raises
     ------
     InputError
-        Orders of a recording that specifies no speed.
+        An array without a sample rate, orders without a speed, or sources without a common channel,
+        unit or axis.
 
     Examples
     --------
-    >>> wave = np.sin(np.arange(4000) / 10)[None]
-    >>> spectrum(Recording(wave, 1000.0, "a")).axes[0].get_xlabel()
+    >>> wave = np.sin(np.arange(4000) / 10)
+    >>> spectrum([wave, 2 * wave], sample_rate=1000.0).axes[0].get_xlabel()
     'frequency [Hz]'
     """
-    if isinstance(source, Recording):
-        lines = spectrum_of(source, kind, pistons=pistons)
-    else:
-        lines = source
+    spectra = _spectra_of(source, kind, pistons, sample_rate)
+    first = spectra[0]
+    channels = _shared_channels(spectra)
 
     # the first line, at 0, is the mean of the samples and no vibration
-    start = lines.position[1]
-    end = _axis_end(lines)
-    is_shown = (lines.position >= start) & (lines.position <= end)
-    marks = [mark for mark in lines.marks if start <= mark.position <= end]
+    start = first.position[1]
+    end = max(_axis_end(lines) for lines in spectra)
+    marks = [mark for mark in _shared_marks(spectra) if start <= mark.position <= end]
 
-    count = len(lines.channels)
-    figure, axes = create_panels(count, 1, 1.0 + 1.9 * count, sharex=True)
-    for row, panel in enumerate(axes[:, 0]):
-        x, y = _thin_out(lines.position[is_shown], lines.amplitude[row][is_shown])
-        panel.plot(x, y, color=MEASURED, linewidth=0.8)
-        _set_amplitude_axis(panel, lines, y)
-        title = format_label(lines.channels[row])
-        if lines.bands:
-            low, high = lines.bands[row]
-            title += f", envelope of {low:.0f} to {high:.0f} Hz"
-        panel.set_title(title, loc="left")
+    figure, axes = create_panels(len(channels), 1, 1.0 + 1.9 * len(channels), sharex=True)
+    colors = [MEASURED, *_OVERLAY_COLORS]
+    for channel, panel in zip(channels, axes[:, 0], strict=True):
+        greatest = np.array([])
+        for number, lines in enumerate(spectra):
+            is_shown = (lines.position >= start) & (lines.position <= end)
+            amplitude = lines.amplitude[lines.channels.index(channel)][is_shown]
+            x, y = _thin_out(lines.position[is_shown], amplitude)
+            color = colors[number % len(colors)]
+            panel.plot(x, y, color=color, linewidth=0.8, label=format_label(lines.recording_id))
+            greatest = np.concatenate([greatest, y])
+        _set_amplitude_axis(panel, first, greatest)
+        panel.set_title(_channel_title(spectra, channel), loc="left")
         for mark in marks:
             color, _ = _MARK_STYLES[mark.of_pistons]
             panel.axvline(
@@ -179,10 +196,101 @@ def spectrum(
             )
 
     axes[0, 0].set_xlim(0, end)
-    axes[-1, 0].set_xlabel(f"{lines.axis} [{lines.axis_unit or '1'}]")
+    axes[-1, 0].set_xlabel(f"{first.axis} [{first.axis_unit or '1'}]")
     if marks:
         _name_marks(figure, axes[0, 0], marks, gap=0.035 * end)
+    if len(spectra) > 1:
+        handles, names = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside lower left", ncols=3)
     return figure
+
+
+def _spectra_of(
+    source: SpectrumSource | Sequence[SpectrumSource],
+    kind: LineSpectrumKind | None,
+    pistons: int | None,
+    sample_rate: float | None,
+) -> list[LineSpectrum]:
+    """Return the spectra of all sources, which must be over one axis and in one unit."""
+    if isinstance(source, Recording | LineSpectrum | np.ndarray):
+        source = [source]
+    sources = list(source)
+    if not sources:
+        raise InputError("There is no recording to draw; give at least one.")
+
+    named = [_as_recording(entry, number, sample_rate) for number, entry in enumerate(sources, 1)]
+    recordings = [entry for entry in named if isinstance(entry, Recording)]
+    if kind is None:
+        speeds = [specified_speed(recording) for recording in recordings]
+        kind = "amplitude" if np.isnan(speeds).any() else "order"
+    if pistons is None and recordings:
+        pistons = summarize_recordings(recordings).pistons
+
+    spectra = [
+        spectrum_of(entry, kind, pistons=pistons) if isinstance(entry, Recording) else entry
+        for entry in named
+    ]
+    for lines in spectra[1:]:
+        for name in ("kind", "unit"):
+            if getattr(lines, name) != getattr(spectra[0], name):
+                raise InputError(
+                    f"{lines.recording_id} and {spectra[0].recording_id} differ in {name} "
+                    f"({getattr(lines, name)}, {getattr(spectra[0], name)}); draw them apart."
+                )
+    return spectra
+
+
+def _as_recording(
+    source: SpectrumSource, number: int, sample_rate: float | None
+) -> Recording | LineSpectrum:
+    """Return an array as a recording; other sources as they came."""
+    if isinstance(source, Recording | LineSpectrum):
+        return source
+    signal = np.atleast_2d(np.asarray(source))
+    if signal.dtype.kind not in "fiu" or signal.ndim != 2 or signal.shape[1] < 2:
+        raise InputError(
+            f"Source {number} is a {type(source).__name__}; a spectrum is of a recording, a "
+            "spectrum_of it, or an array (channel, time)."
+        )
+    if sample_rate is None:
+        raise InputError("An array has no sample rate; give sample_rate in Hz.")
+
+    channels = tuple(f"channel {row}" for row in range(len(signal)))
+    return Recording(signal, sample_rate, f"array {number}", channels=channels, unit="1")
+
+
+def _shared_channels(spectra: Sequence[LineSpectrum]) -> list[str]:
+    channels = [
+        name for name in spectra[0].channels if all(name in lines.channels for lines in spectra)
+    ]
+    if not channels:
+        names = "; ".join(", ".join(lines.channels) for lines in spectra)
+        raise InputError(
+            f"The sources have no channel in common ({names}); rename them with "
+            "recording.replace(channels=...)."
+        )
+    return channels
+
+
+def _shared_marks(spectra: Sequence[LineSpectrum]) -> tuple[Mark, ...]:
+    """Return the marks of the first spectrum if they are those of all; else none."""
+    marks = spectra[0].marks
+    for lines in spectra[1:]:
+        if len(lines.marks) != len(marks):
+            return ()
+        for mark, other in zip(marks, lines.marks, strict=True):
+            if not math.isclose(mark.position, other.position, rel_tol=SPEED_TOLERANCE):
+                return ()
+    return marks
+
+
+def _channel_title(spectra: Sequence[LineSpectrum], channel: str) -> str:
+    """Return the name of a channel, and the band of its envelope if there is one spectrum."""
+    title = format_label(channel)
+    if len(spectra) == 1 and spectra[0].bands:
+        low, high = spectra[0].bands[spectra[0].channels.index(channel)]
+        title += f", envelope of {low:.0f} to {high:.0f} Hz"
+    return title
 
 
 def _name_marks(figure: Figure, top: Axes, marks: Sequence[Mark], gap: float) -> None:
@@ -213,7 +321,9 @@ def _axis_end(lines: LineSpectrum) -> float:
     """Return the end of the axis: a little beyond the last line of the pistons if it is known."""
     highest_position = float(lines.position[-1])
     piston_lines = [mark.position for mark in lines.marks if mark.of_pistons]
-    return min(1.1 * max(piston_lines, default=highest_position), highest_position)
+    if piston_lines:
+        return min(1.1 * max(piston_lines), highest_position)
+    return min(_END_ORDER, highest_position) if lines.kind == "order" else highest_position
 
 
 def format_unit(unit: str) -> str:

@@ -147,10 +147,15 @@ def test_baseline_recordings_make_the_faults_of_a_new_machine_detectable(
 ) -> None:
     choice = classifier.fitted_.choice
     assert choice.n_machines == 3
+    assert "3 training machines, no error rate below 25 %" in choice.describe_machine_limit(0.1)
+    assert not choice.describe_machine_limit(0.25)
+    assert not replace(choice, n_machines=9).describe_machine_limit(0.1)
+    assert not replace(choice, n_machines=0).describe_machine_limit(0.1)
     assert choice.sentence().endswith("This rests on 3 machines.")
     assert choice.head_recalls["with baseline"] > choice.head_recalls["without baseline"]
 
     new_machine = machine("G")
+    assert classifier.diagnose(new_machine[0]).basis.endswith("can be promised for a new one")
     for recording in new_machine:
         notes = " ".join(classifier.diagnose(recording).notes)
         assert "Pass some as healthy" in notes

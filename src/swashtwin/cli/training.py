@@ -394,6 +394,10 @@ def _print_confidence(confidence: "Confidence | None", fitted: "FittedClassifier
         f"dependence between windows {confidence.dependence:.2g}, error rate "
         f"{confidence.error_rate:g}"
     )
+    choice = fitted.choice
+    limit = "" if choice is None else choice.describe_machine_limit(confidence.error_rate)
+    if limit:
+        print_note(f"note: {limit}.")
 
 
 def confidence_advice(fitted: "FittedClassifier") -> str:

@@ -28,6 +28,7 @@ from .onnx_export import export_onnx as export_onnx
 from .prior_classifier import PriorClassifier as PriorClassifier
 from .prior_classifier import make_prior as make_prior
 from .prior_head import order_band_powers as order_band_powers
+from .reasons import describe_basis as describe_basis
 from .reasons import describe_single_machine_faults as describe_single_machine_faults
 from .recording_diagnosis import diagnose as diagnose
 from .verdict import Check as Check

@@ -13,6 +13,7 @@ from jaxtyping import Float64
 
 from swashtwin.learning import (
     MIN_STRETCH_SAMPLES,
+    Confidence,
     DeviatingStatistic,
     FittedClassifier,
     TrainingReference,
@@ -135,6 +136,15 @@ def single_machine_classes(reference: TrainingReference) -> tuple[str, ...]:
         if label in machines:
             machines[label].add(specimen)
     return tuple(sorted(label for label, names in machines.items() if len(names) < 2))
+
+
+def describe_basis(
+    classifier: FittedClassifier, confidence: Confidence, error_rate: float | None = None
+) -> str:
+    """Return which recordings calibrated a confidence, and what their machines cannot promise."""
+    rate = confidence.error_rate if error_rate is None else error_rate
+    limit = "" if classifier.choice is None else classifier.choice.describe_machine_limit(rate)
+    return f"{confidence.basis}; {limit}" if limit else confidence.basis
 
 
 def describe_single_machine_faults(reference: TrainingReference | None) -> str:

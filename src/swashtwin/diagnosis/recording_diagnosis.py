@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Float64
 from swashtwin.diagnosis.healthy_spectrum import classifier_spectrum
 from swashtwin.diagnosis.reasons import (
     describe_absent_baseline,
+    describe_basis,
     describe_deviations,
     describe_missing_comparison,
     describe_untrained_machine,
@@ -160,6 +161,8 @@ def _judge_answers(
         diagnosis = _add_confidence(
             diagnosis, classifier.classes, confidence, answers.probability, ood_score, error_rate
         )
+        basis = describe_basis(classifier, confidence, diagnosis.error_rate)
+        diagnosis = replace(diagnosis, basis=basis)
 
     machine_reason = describe_untrained_machine(
         reference, answers.specimen, always=diagnosis.unknown
@@ -259,7 +262,6 @@ def _add_confidence(
         p_value=p_value,
         score=ood_score,
         threshold=float(confidence.ood_score[n - k]),
-        basis=confidence.basis,
         n_basis=n,
     )
 

@@ -7,7 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.diagnosis import AlarmScores, AnomalyDetector, describe_single_machine_faults
+from swashtwin.diagnosis import (
+    AlarmScores,
+    AnomalyDetector,
+    describe_basis,
+    describe_single_machine_faults,
+)
 from swashtwin.foundation import plural
 from swashtwin.learning import SPLITS, CandidateChoice, FittedClassifier, Scores
 from swashtwin.plot import confusion, figure_style, format_label
@@ -39,7 +44,8 @@ def build_training_part(classifier: FittedClassifier, key: str) -> Part:
         )
     else:
         rate = format_percent(confidence.error_rate)
-        basis = f"Its confidence is calibrated by {confidence.basis}, at an error rate of {rate}."
+        recordings = describe_basis(classifier, confidence)
+        basis = f"Its confidence is calibrated at an error rate of {rate} by {recordings}."
 
     certainty = [basis]
     few_machines = describe_single_machine_faults(classifier.training_reference)

@@ -6,6 +6,9 @@ from typing import Any
 
 from swashtwin.foundation import plural
 
+# Keeps 1 / 10 from counting as above a rate of 0.1.
+_RATE_TOLERANCE = 1e-9
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -52,6 +55,21 @@ class CandidateChoice:
     def __post_init__(self) -> None:
         if self.head_recalls and "without baseline" not in self.head_recalls:
             raise ValueError("there is no recall without baseline")
+
+    def describe_machine_limit(self, error_rate: float) -> str:
+        """Return what its machines cannot promise for a new one; empty if they allow the rate.
+
+        Of K + 1 exchangeable machines, the new one is the most difficult with a probability of
+        1 / (K + 1). So no rule keeps a lower error rate for every kind of machine, unless its sets
+        name all classes (Dunn, Wasserman and Ramdas, arXiv:1809.07441).
+        """
+        lowest_rate = 1 / (self.n_machines + 1)
+        if not self.n_machines or lowest_rate <= error_rate + _RATE_TOLERANCE:
+            return ""
+        return (
+            f"with {plural(self.n_machines, 'training machine')}, no error rate below "
+            f"{100 * lowest_rate:.0f} % can be promised for a new one"
+        )
 
     def sentence(self) -> str:
         """Describe the choice in sentences."""

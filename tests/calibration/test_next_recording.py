@@ -124,9 +124,12 @@ def test_a_repetition_with_fewer_sensors_adds_no_information(
 
 
 def test_candidates_stay_within_the_rating_and_long_enough(calibration: Calibration) -> None:
-    candidates = plan_recording(calibration).candidates
+    plan = plan_recording(calibration)
+    candidates = plan.candidates
     # one speed at three pressures: 860 rev/min is rated, and at less 1.3 s are below 16 revolutions
     assert len(candidates) == 3
+    assert plan.excluded_speeds == pytest.approx((rpm(860) * 2 / 3,))
+    assert plan.required_duration == pytest.approx(16 / (860 * 2 / 3 / 60))
     assert max(each.speed for each in candidates) == pytest.approx(rpm(860))
     assert max(each.discharge_pressure for each in candidates) == pytest.approx(MPa(15))
 
@@ -136,6 +139,12 @@ def test_candidates_are_ranked_by_width_with_a_repetition_last(calibration: Cali
     widths = [candidate.total_interval_width for candidate in plan.candidates]
     assert widths == sorted(widths)
     assert plan.total_interval_width == sum_interval_widths(calibration.estimates)
+
+    # recorded one after another, each narrows further, the first as much as alone
+    sequence = [candidate.total_interval_width for candidate in plan.sequence]
+    assert sequence[0] == widths[0]
+    assert 1 < len(sequence) <= 3
+    assert sequence == sorted(sequence, reverse=True)
 
     repetition = plan.candidates[-1]
     condition = (repetition.speed, repetition.discharge_pressure)
@@ -194,10 +203,13 @@ def test_the_command_ranks_as_the_function(command: tuple[Any, ...], plan: Recor
 
 
 def test_the_command_prints_a_table(command: tuple[Any, ...]) -> None:
-    output = run(*command).stdout
+    output = " ".join(run(*command).stdout.split())
     assert "Candidates for the next recording" in output
     assert "1500 rpm" in output
     assert "C_v" in output
+    assert "Left out: 600 rpm. A recording as long as the previous ones (1.3 s)" in output
+    assert "record at least 1.6 s." in output
+    assert "Recorded one after another" in output
 
 
 def test_the_command_refuses_unknown_sensors_and_speeds_without_a_unit(path: Path) -> None:

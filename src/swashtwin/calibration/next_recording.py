@@ -46,6 +46,13 @@ CANDIDATE_FACTORS = (2 / 3, 1.0, 3 / 2)
 the pump's rating.
 """
 
+MIN_WIDTH_FALL = 0.05
+"""Fall of the total width of the intervals below which a further recording adds nothing: less than
+1 % of each of the six intervals.
+"""
+MAX_SEQUENCE = 3
+"""Number of further recordings that are planned one after another."""
+
 MIN_REVOLUTIONS = 16
 """A calibration takes no shorter recording, since the scatter of its lines is that of four parts of
 it.
@@ -82,6 +89,16 @@ class RecordingPlan:
     """Present sum over the six values of ln(upper / lower) of the 90 % interval."""
     candidates: tuple[CandidateRecording, ...]
     """Candidates, the one with the smallest expected width first."""
+    sequence: tuple[CandidateRecording, ...]
+    """The best candidates to record one after another, at most `MAX_SEQUENCE`: each with what it is
+    expected to leave together with those before it. It ends at the first one that narrows nothing.
+    """
+    excluded_speeds: tuple[float, ...]
+    """Speeds [rad/s] without candidates, since a recording of their length has fewer than 16
+    revolutions there (`MIN_REVOLUTIONS`).
+    """
+    required_duration: float
+    """Length [s] of which a recording at each of the speeds has 16 revolutions."""
 
 
 def sum_interval_widths(estimates: Sequence[Estimate]) -> float:
@@ -101,7 +118,7 @@ def plan_recording(
 
     The pump has the fault that it was calibrated with, mostly none; each recording is as long as
     the calibration's recordings are on average. Combinations of fewer than 16 revolutions are
-    excluded, since no calibration takes them.
+    excluded, since no calibration takes them (`RecordingPlan.excluded_speeds`).
 
     Parameters
     ----------
@@ -131,27 +148,59 @@ def plan_recording(
     ]
     if not (conditions and sensor_sets):
         raise InputError("Specify at least one speed, pressure and set of sensors, or omit it.")
-    conditions = [
+    long_enough = [
         condition
         for condition in conditions
         if forecast.duration * condition.shaft_frequency >= MIN_REVOLUTIONS
     ]
-    if not conditions:
+    excluded_speeds = {condition.speed for condition in conditions if condition not in long_enough}
+    if not long_enough:
         raise InputError(
             f"Each of these recordings is shorter than {MIN_REVOLUTIONS} revolutions: record "
             "longer."
         )
 
     with one_thread():
-        present_covariance = forecast.covariance(forecast.present)
-        candidates = [
-            _evaluate_candidate(forecast, condition, channels, present_covariance)
-            for condition, channels in product(conditions, sensor_sets)
-        ]
+        candidates, sequence = _rank_candidates(forecast, list(product(long_enough, sensor_sets)))
     return RecordingPlan(
         total_interval_width=sum_interval_widths(calibration.estimates),
-        candidates=tuple(sorted(candidates, key=lambda candidate: candidate.total_interval_width)),
+        candidates=candidates,
+        sequence=sequence,
+        excluded_speeds=tuple(sorted(excluded_speeds)),
+        required_duration=max(
+            MIN_REVOLUTIONS / condition.shaft_frequency for condition in conditions
+        ),
     )
+
+
+def _rank_candidates(
+    forecast: "_Forecast", options: Sequence[tuple[OperatingCondition, tuple[str, ...]]]
+) -> tuple[tuple[CandidateRecording, ...], tuple[CandidateRecording, ...]]:
+    """Return the candidates, the best first, and the best ones to record one after another."""
+    present_covariance = forecast.covariance(forecast.present)
+    groups = forecast.present
+    width = sum_interval_widths(forecast.calibration.estimates)
+    candidates: tuple[CandidateRecording, ...] = ()
+    sequence: list[CandidateRecording] = []
+    for _ in range(MAX_SEQUENCE):
+        evaluated = []
+        for condition, channels in options:
+            extended = forecast.with_recording(groups, condition, channels)
+            candidate = _evaluate_candidate(
+                forecast, extended, condition, channels, present_covariance
+            )
+            evaluated.append((candidate, extended))
+        evaluated.sort(key=lambda pair: pair[0].total_interval_width)
+        if not candidates:
+            candidates = tuple(candidate for candidate, _ in evaluated)
+
+        best, extended = evaluated[0]
+        if best.total_interval_width > width - MIN_WIDTH_FALL:
+            break
+        sequence.append(best)
+        groups = extended
+        width = best.total_interval_width
+    return candidates, tuple(sequence)
 
 
 def _check_sensors(
@@ -174,12 +223,18 @@ def _check_sensors(
 
 def _evaluate_candidate(
     forecast: "_Forecast",
+    extended: Sequence["_RecordingGroup"],
     condition: OperatingCondition,
     channels: tuple[str, ...],
     present_covariance: Float[np.ndarray, "6 6"],
 ) -> CandidateRecording:
-    """Return the candidate with the interval widths that it is expected to leave."""
-    covariance = forecast.covariance(forecast.with_recording(condition, channels))
+    """Return the candidate with the interval widths that it is expected to leave.
+
+    Parameters
+    ----------
+    extended : groups of recordings that contain the candidate.
+    """
+    covariance = forecast.covariance(extended)
     std_ratio = np.sqrt(np.diag(covariance) / np.diag(present_covariance)).tolist()
 
     expected = []
@@ -301,15 +356,18 @@ class _Forecast:
         return sorted({min(factor * mean, limit) for factor in CANDIDATE_FACTORS})
 
     def with_recording(
-        self, condition: OperatingCondition, channels: tuple[str, ...]
+        self,
+        present: Sequence[_RecordingGroup],
+        condition: OperatingCondition,
+        channels: tuple[str, ...],
     ) -> list[_RecordingGroup]:
-        """Return the present groups and one more recording.
+        """Return the `present` groups and one more recording.
 
         If a group has its operating point and sensors, it joins the mean of that group.
         """
         matching = [
             group.condition
-            for group in self.present
+            for group in present
             if group.condition.matches(condition, speed=LINE_SPEED_TOLERANCE)
         ]
         if matching:
@@ -324,7 +382,7 @@ class _Forecast:
 
         groups = []
         extended_group = None
-        for group in self.present:
+        for group in present:
             if (group.condition, group.channels) == (condition, channels):
                 extended_group = group.add_recording(deviation)
             else:

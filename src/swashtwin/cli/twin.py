@@ -118,6 +118,26 @@ def _print_plan(plan: "RecordingPlan") -> None:
     n_omitted = len(plan.candidates) - len(rows)
     if n_omitted > 0:
         print_text(f"{n_omitted} further candidates, which narrow less: --json")
+    if plan.excluded_speeds:
+        speeds = ", ".join(_format_speed(speed) for speed in plan.excluded_speeds)
+        print_text(
+            f"Left out: {speeds}. A recording as long as the previous ones "
+            f"({plan.candidates[0].duration:.3g} s) has too few revolutions there: record at least "
+            f"{math.ceil(10 * plan.required_duration) / 10:g} s."
+        )
+    if len(plan.sequence) > 1:
+        print_table(
+            "Recorded one after another, the best are expected to leave",
+            ("", *header),
+            [
+                (str(number), *_candidate_row(candidate, plan))
+                for number, candidate in enumerate(plan.sequence, start=1)
+            ],
+        )
+
+
+def _format_speed(speed: float) -> str:
+    return f"{speed * 30 / math.pi:.0f} rpm"
 
 
 def _candidate_row(candidate: "CandidateRecording", plan: "RecordingPlan") -> tuple[str, ...]:
@@ -129,7 +149,7 @@ def _candidate_row(candidate: "CandidateRecording", plan: "RecordingPlan") -> tu
         if expected_factor <= _KNOWN_FACTOR
     ]
     return (
-        f"{candidate.speed * 30 / math.pi:.0f} rpm",
+        _format_speed(candidate.speed),
         f"{candidate.discharge_pressure / 1e6:.3g} MPa",
         f"{candidate.duration:.3g} s",
         ", ".join(candidate.channels),

@@ -28,6 +28,7 @@ from swashtwin.calibration.posterior import (
     compute_misfit,
     posterior_covariance,
 )
+from swashtwin.calibration.severity.doubt import describe_doubt
 from swashtwin.foundation import MPa, deg, random_stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
@@ -255,7 +256,15 @@ def test_a_wrong_number_of_the_drawing_is_reported_with_the_default_nuisances(
 ) -> None:
     wrong = change(healthy)
     recording = healthy_recording.replace(condition=wrong.condition)
-    assert_mistake_reported(calibrate(wrong, [recording], method=QUICK), message)
+
+    calibration = calibrate(wrong, [recording], method=QUICK)
+
+    assert_mistake_reported(calibration, message)
+    assert any(message in mistake for mistake in calibration.suspected_mistakes)
+    assert "identified" not in {estimate.verdict for estimate in calibration.estimates}
+    assert calibration.is_in_doubt
+    assert "correct what the notes of the calibration name" in calibration.doubt
+    assert message in describe_doubt(calibration)
 
 
 def test_a_port_far_beyond_its_tolerance_is_reported_with_the_default_nuisances(

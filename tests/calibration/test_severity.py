@@ -14,13 +14,14 @@ from swashtwin.calibration import (
     Calibration,
     GaussNewton,
     Nuisances,
+    Objective,
     SeveritySettings,
     calibrate,
     estimate_severity,
 )
 from swashtwin.calibration.fault_dimensions import build_fault_space
 from swashtwin.calibration.severity import doubt
-from swashtwin.calibration.severity.doubt import Mistake, explain_doubt
+from swashtwin.calibration.severity.doubt import explain_doubt
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
 from swashtwin.calibration.severity.profile_likelihood import (
     ProfileProblem,
@@ -209,13 +210,11 @@ def test_a_doubt_is_explained_by_the_recordings_of_the_calibration_alone(
 ) -> None:
     refitted: list[Recording] = []
 
-    def record_refit(
-        original: Calibration, recordings: Sequence[Recording], mistake: Mistake
-    ) -> Calibration:
+    def record_refit(original: Calibration, recordings: Sequence[Recording]) -> Objective:
         refitted.extend(recordings)
-        return original
+        raise DataError("not fitted here")
 
-    monkeypatch.setattr(doubt, "_calibrate_again", record_refit)
+    monkeypatch.setattr(doubt, "_rebuild_objective", record_refit)
 
     # of another machine, and of this one under another name
     namesake = Recording(
@@ -272,6 +271,23 @@ def test_an_interval_reaches_around_the_mistakes_that_explain_a_doubt(true_twin:
     assert estimate.severity.interval[0] < true.depth < estimate.severity.interval[1]
     assert estimate.severity.verdict == "weak"
     assert "the mounting's stiffness is other than specified" in estimate.notes[-1]
+
+
+@pytest.mark.nightly
+def test_a_severity_under_swapped_channels_is_that_of_the_right_ones(true_twin: Twin) -> None:
+    names = ("body_y", "cover_z", "body_x")
+    true = PistonWear(um(45))
+    healthy = true_twin.simulate(3.0, 5120.0, recording_id="healthy").replace(channels=names)
+    faulty = true_twin.with_fault(true).simulate(3.0, 5120.0, recording_id="worn")
+    calibration = calibrate_with(true_twin, healthy, Nuisances())
+    assert "cover_z and body_y have each other's name" in calibration.suspected_mistakes[0]
+
+    trend = estimate_severity(
+        calibration, [faulty.replace(channels=names)], PistonWear(um(60)), healthy=[healthy]
+    )
+    (estimate,) = trend.estimates
+    assert estimate.severity.interval[0] < true.clearance < estimate.severity.interval[1]
+    assert "have each other's name" in estimate.notes[-1]
 
 
 def test_the_interval_of_a_doubt_covers_each_mistake(

@@ -42,6 +42,8 @@ def collect_notes(
     doubts = list(_describe_bounds(objective, result, estimates))
     if misfit > MAX_MISFIT:
         doubts.append(_describe_misfit(objective, result, misfit, hypotheses))
+    elif hypotheses:
+        doubts.append("a mistake is suspected, so no value is called identified")
     if len(hypotheses) > 1:
         doubts.append("the lines do not distinguish between several mistakes")
     doubts += [

@@ -1,9 +1,8 @@
 """Simple mistakes that would explain a misfit; for each the twin is calibrated again as if it had
 been made.
 
-If such a mistake moves only what is searched anyway, the point that it leads to is a further start
-of the search: a mode of the mounting on the wrong side of a line is a separate valley
-(`MisfitHypothesis.start`).
+If such a mistake leaves what is searched as it is, the point that it leads to is a further start of
+the search: a mode of the mounting on the wrong side of a line is a separate valley.
 
 Tried are two channels with each other's name, the other topology, numbers of the drawing and the
 pressure (`drawing_errors`), one channel read in another unit, each direction of the mounting, each
@@ -18,7 +17,7 @@ So these numbers are tested at every optimum, and tried if their score is beyond
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -52,6 +51,9 @@ WIDE_PRIORS = Nuisances(
     mount=0.5, bearing=0.5, excitation=1.0, sensor=1.5, mount_axes=0.5, each_bearing=0.5, gains=1.5
 )
 """Priors of constants that may be wrong by mistake: wider than the typical ones."""
+_WIDE_SUPPORTS = {
+    name: getattr(WIDE_PRIORS, name) for name in ("mount", "bearing", "mount_axes", "each_bearing")
+}
 START_OFFSETS = {
     "mount": (-0.5, 0.0, 0.5),
     "bearing": (-0.5, 0.0, 0.5),
@@ -89,12 +91,12 @@ class MisfitHypothesis:
 
     mistake: str
     """The mistake, as a clause."""
+    objective: Objective
+    """The objective as if the mistake had been made, and corrected."""
+    point: Float[np.ndarray, " unknown"]
+    """Calibrated coordinates of that objective."""
     misfit: float
-    """RMS of the missed lines, relative to what was expected, if the mistake had been made."""
-    start: Float[np.ndarray, " unknown"] | None = None
-    """Coordinates of the same search that the mistake leads to; `None` if it changes something
-    that is not searched.
-    """
+    """RMS of the lines missed there, relative to what was expected."""
 
 
 def find_suspected_mistakes(
@@ -107,32 +109,24 @@ def find_suspected_mistakes(
     numbers of the drawing whose score exceeds `MIN_SCORE`.
     """
     misfit = compute_misfit(objective, point)
-    scores = score_drawing(linearize(objective, point))
     if misfit > DOUBTFUL_MISFIT or is_in_doubt(objective.unknowns, point, misfit):
-        return find_misfit_hypotheses(objective, point, scores)
+        if objective.measured.numel() * misfit**2 < MIN_SQUARES_FALL:
+            return ()
+        return _select_likely(try_mistakes(objective, point), misfit, MIN_SQUARES_FALL, objective)
 
+    scores = score_drawing(linearize(objective, point))
     plausible = [score for score in scores if score.squares_fall > MIN_SCORE]
     return _select_likely(
         _correct_drawing(objective, point, plausible, far_sizes=False), misfit, MIN_SCORE, objective
     )
 
 
-def find_misfit_hypotheses(
-    objective: Objective, point: Float[np.ndarray, " unknown"], scores: Sequence[ScoreTest]
-) -> tuple[MisfitHypothesis, ...]:
-    """Return mistakes that would explain the misfit at `point`, the likeliest first.
-
-    The result is empty if no single mistake explains it.
-
-    Parameters
-    ----------
-    scores : what the lines at `point` show of each number of the drawing.
-    """
-    misfit = compute_misfit(objective, point)
-    if objective.measured.numel() * misfit**2 < MIN_SQUARES_FALL:
-        return ()
-
-    hypotheses = list(_correct_drawing(objective, point, scores, far_sizes=True))
+def try_mistakes(
+    objective: Objective, point: Float[np.ndarray, " unknown"]
+) -> Iterator[MisfitHypothesis]:
+    """Yield each mistake of the list, calibrated as if it had been made at `point`."""
+    scores = score_drawing(linearize(objective, point))
+    yield from _correct_drawing(objective, point, scores, far_sizes=True)
     for make_mistake in (
         _swap_channels,
         _change_topology,
@@ -140,8 +134,7 @@ def find_misfit_hypotheses(
         _free_supports,
         _free_gains,
     ):
-        hypotheses += make_mistake(objective)
-    return _select_likely(hypotheses, misfit, MIN_SQUARES_FALL, objective)
+        yield from make_mistake(objective)
 
 
 def _select_likely(
@@ -162,10 +155,10 @@ def _select_likely(
     )
 
 
-def _refit(objective: Objective) -> tuple[np.ndarray, float]:
-    """Return the point of another calibration, and the misfit there."""
+def _calibrate_as_if(mistake: str, objective: Objective) -> MisfitHypothesis:
+    """Return the hypothesis of a mistake that `objective` corrects."""
     point = _REFIT.search(objective, seed=0).point
-    return point, compute_misfit(objective, point)
+    return MisfitHypothesis(mistake, objective, point, compute_misfit(objective, point))
 
 
 def _swap_channels(objective: Objective) -> Iterator[MisfitHypothesis]:
@@ -175,9 +168,10 @@ def _swap_channels(objective: Objective) -> Iterator[MisfitHypothesis]:
         comparisons = tuple(
             _rename_channels(comparison, names) for comparison in objective.comparisons
         )
-        _, misfit = _refit(replace(objective, comparisons=comparisons))
+        channels = tuple(names.get(name, name) for name in objective.channels)
+        unknowns = objective.unknowns.with_changes(channels)
         mistake = f"{first} and {second} have each other's name: check the wiring"
-        yield MisfitHypothesis(mistake, misfit)
+        yield _calibrate_as_if(mistake, Objective(comparisons, unknowns))
 
 
 def _rename_channels(comparison: Comparison, names: dict[str, str]) -> Comparison:
@@ -201,9 +195,8 @@ def _change_topology(objective: Objective) -> Iterator[MisfitHypothesis]:
         replace(comparison, twin=replace(comparison.twin, topology=topology))
         for comparison in objective.comparisons
     )
-    _, misfit = _refit(replace(objective, comparisons=comparisons))
     mistake = f"the bodies are joined as in topology {topology}"
-    yield MisfitHypothesis(mistake, misfit)
+    yield _calibrate_as_if(mistake, replace(objective, comparisons=comparisons))
 
 
 def _correct_drawing(
@@ -254,8 +247,16 @@ def _change_drawing(
     if changed is None:
         return None
     unknowns = replace(objective.unknowns, initial_point=start)
-    point, misfit = _refit(replace(changed, unknowns=unknowns))
-    return MisfitHypothesis(error.describe(size), misfit, point)
+    return _calibrate_as_if(error.describe(size), replace(changed, unknowns=unknowns))
+
+
+def free_all_supports(objective: Objective) -> MisfitHypothesis:
+    """Return the hypothesis that mounting and bearings are other than specified, each of them by
+    itself.
+    """
+    unknowns = objective.unknowns.with_changes(**_WIDE_SUPPORTS)
+    mistake = "mounting and bearings are other than specified"
+    return _calibrate_as_if(mistake, replace(objective, unknowns=unknowns))
 
 
 def _free_supports(objective: Objective) -> Iterator[MisfitHypothesis]:
@@ -265,15 +266,15 @@ def _free_supports(objective: Objective) -> Iterator[MisfitHypothesis]:
             continue
 
         unknowns = objective.unknowns.with_changes(**{kind: getattr(WIDE_PRIORS, kind)})
-        point, misfit = _refit(replace(objective, unknowns=unknowns))
+        refit = _calibrate_as_if("", replace(objective, unknowns=unknowns))
         changes = [
             f"{describe_constant(name)} is {np.exp(float(change)):.2g} times the twin's"
-            for name, change in zip(unknowns.names, point, strict=True)
+            for name, change in zip(unknowns.names, refit.point, strict=True)
             if name.startswith(prefix) and abs(change) > MIN_REPORTED_CHANGE
         ]
         if changes:
             mistake = f"{', '.join(changes)}: search each of them (nuisances=by-axis)"
-            yield MisfitHypothesis(mistake, misfit)
+            yield replace(refit, mistake=mistake)
 
 
 def describe_constant(name: str) -> str:
@@ -312,18 +313,16 @@ def _free_constants(objective: Objective) -> Iterator[MisfitHypothesis]:
         for offset in offsets:
             start = unknowns.start.copy()
             start[index] = twin_scale + offset
-            refits.append(
-                _refit(replace(objective, unknowns=replace(unknowns, initial_point=start)))
-            )
-        point, misfit = min(refits, key=lambda refit: refit[1])
+            started = replace(objective, unknowns=replace(unknowns, initial_point=start))
+            refits.append(_calibrate_as_if("", started))
+        best = min(refits, key=lambda refit: refit.misfit)
 
-        factor = float(np.exp(point[index] - twin_scale))
+        factor = float(np.exp(best.point[index] - twin_scale))
         advice = ": start the search there, or correct the pump file"
         if name == "sensor" and _is_gravity(factor):
             advice = _IN_G
         mistake = f"{CONSTANT_NAMES[name]} is {factor:.2g} times the twin's{advice}"
-        start_point = _as_start(objective, unknowns.names, point)
-        yield MisfitHypothesis(mistake, misfit, start_point)
+        yield replace(best, mistake=mistake)
 
 
 def _free_gains(objective: Objective) -> Iterator[MisfitHypothesis]:
@@ -333,8 +332,8 @@ def _free_gains(objective: Objective) -> Iterator[MisfitHypothesis]:
         return
 
     unknowns = objective.unknowns.with_changes(gains=WIDE_PRIORS.gains)
-    point, misfit = _refit(replace(objective, unknowns=unknowns))
-    gains = np.exp([point[unknowns.names.index(f"gain {name}")] for name in channels])
+    refit = _calibrate_as_if("", replace(objective, unknowns=unknowns))
+    gains = np.exp([refit.point[unknowns.names.index(f"gain {name}")] for name in channels])
     index = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
     factor = float(gains[index] / np.median(gains))
 
@@ -345,15 +344,7 @@ def _free_gains(objective: Objective) -> Iterator[MisfitHypothesis]:
         f"{channels[index]} reads {factor:.2g} times what it should relative to the other "
         f"channels{advice}"
     )
-    start_point = _as_start(objective, unknowns.names, point)
-    yield MisfitHypothesis(mistake, misfit, start_point)
-
-
-def _as_start(objective: Objective, names: tuple[str, ...], point: np.ndarray) -> np.ndarray | None:
-    """Return the point as a start of the objective's search; `None` if the coordinates differ."""
-    if names != objective.unknowns.names:
-        return None
-    return point
+    yield replace(refit, mistake=mistake)
 
 
 def _is_gravity(factor: float) -> bool:

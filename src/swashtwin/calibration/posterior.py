@@ -84,9 +84,9 @@ class Estimate:
     """Bounds of the search."""
     verdict: Verdict
     """``identified``; ``weak``: uncertain by more than a factor of 1.5, or the fit is in doubt
-    (`is_in_doubt`); ``not identified``: the measurement hardly adds to the prior (the bounds, or
-    the population of its type); ``at bound``: a bound stopped the search, often because a constant
-    is wrong.
+    (`is_in_doubt`, or a mistake is suspected); ``not identified``: the measurement hardly adds to
+    the prior (the bounds, or the population of its type); ``at bound``: a bound stopped the search,
+    often because a constant is wrong.
     """
     correlated_with: str | None = None
     """Symbol of the value that can change with this one at almost the same spectrum (correlation
@@ -166,10 +166,20 @@ def build_estimates(
     objective: Objective,
     point: Float[np.ndarray, " unknown"],
     covariance: Float[np.ndarray, "unknown unknown"],
+    *,
+    has_suspected_mistake: bool = False,
 ) -> tuple[Estimate, ...]:
-    """Return each of the six values with its interval and verdict."""
+    """Return each of the six values with its interval and verdict.
+
+    Parameters
+    ----------
+    has_suspected_mistake : whether a mistake was found that would explain what the lines miss; no
+        value is then called identified.
+    """
     unknowns = objective.unknowns
-    in_doubt = is_in_doubt(unknowns, point, compute_misfit(objective, point))
+    in_doubt = has_suspected_mistake or is_in_doubt(
+        unknowns, point, compute_misfit(objective, point)
+    )
     values = np.exp(point[VALUE_SLICE])
     value_covariance = covariance[VALUE_SLICE, VALUE_SLICE]
     std = np.sqrt(np.diag(value_covariance))

@@ -215,7 +215,9 @@ def _build_calibration(
     """Return the result of a search with its posterior, fits and notes."""
     covariance = posterior_covariance(objective, result.point)
     posterior = Posterior(objective.unknowns, result.point, covariance)
-    estimates = build_estimates(objective, result.point, covariance)
+    estimates = build_estimates(
+        objective, result.point, covariance, has_suspected_mistake=bool(hypotheses)
+    )
     misfit = compute_misfit(objective, result.point)
     calibrated = posterior.twin_at(nominal, result.point)
 
@@ -243,6 +245,7 @@ def _build_calibration(
             *collect_notes(objective, result, estimates, misfit, hypotheses),
         ),
         misfit=misfit,
+        suspected_mistakes=tuple(hypothesis.mistake for hypothesis in hypotheses),
         method=type(method).__name__,
         settings=_collect_settings(method, objective, seed),
         simulations=result.simulations,
@@ -296,8 +299,8 @@ def _search(
     """Return the objective with its final bounds, the best optimum, and the mistakes that would
     explain what it still misses.
 
-    Gauss-Newton steps start again from each suspected mistake that moves only what is searched
-    anyway.
+    Gauss-Newton steps start again from each suspected mistake that leaves what is searched as it
+    is.
 
     Parameters
     ----------
@@ -310,7 +313,11 @@ def _search(
         return first_objective, first, ()
 
     hypotheses = find_suspected_mistakes(first_objective, first.point)
-    starts = [hypothesis.start for hypothesis in hypotheses if hypothesis.start is not None]
+    starts = [
+        hypothesis.point
+        for hypothesis in hypotheses
+        if hypothesis.objective.unknowns.names == first_objective.unknowns.names
+    ]
     if not (starts and isinstance(method, GaussNewton)):
         return first_objective, first, hypotheses
 

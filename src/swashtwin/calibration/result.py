@@ -29,9 +29,12 @@ from swashtwin.physics import PortTiming, Twin
 from swashtwin.pump import PARAMETERS, fault_type
 from swashtwin.recordings import Manifest
 
-FORMAT = "swashtwin calibration 10"
+FORMAT = "swashtwin calibration 11"
+FORMAT_WITHOUT_MISTAKES = "swashtwin calibration 10"
+"""Format of calibrations that name suspected mistakes in their notes only."""
 FORMAT_WITHOUT_PORTS = "swashtwin calibration 9"
-"""Format of calibrations that took the ports as drawn."""
+"""The same of calibrations that took the ports as drawn, too."""
+_READABLE_FORMATS = (FORMAT, FORMAT_WITHOUT_MISTAKES, FORMAT_WITHOUT_PORTS)
 _DERIVED = ("nominal_agreement", "calibrated_agreement")
 
 # Recordings that the source of a calibrated value names; of more, their number.
@@ -67,6 +70,10 @@ class Calibration:
     misfit: float
     """Root mean square of the lines that the calibrated twin misses, relative to what noise and a
     model error of 5 % explain.
+    """
+    suspected_mistakes: tuple[str, ...]
+    """Mistakes that would explain what the calibrated lines still miss, each as a clause, the
+    likeliest first. While one is suspected, no value is called identified.
     """
     notes: tuple[str, ...]
     """Notes that the user should read."""
@@ -129,11 +136,12 @@ class Calibration:
     @property
     def is_in_doubt(self) -> bool:
         """Whether nothing that rests on it, such as a severity, may be called identified: the
-        misfit is above 1, or the fit strains a bound or a prior (`posterior.is_in_doubt`).
+        misfit is above 1, a mistake is suspected, or the fit strains a bound or a prior
+        (`posterior.is_in_doubt`).
         """
-        return self.misfit > DOUBTFUL_MISFIT or is_in_doubt(
-            self.posterior.unknowns, self.posterior.point, self.misfit
-        )
+        if self.misfit > DOUBTFUL_MISFIT or self.suspected_mistakes:
+            return True
+        return is_in_doubt(self.posterior.unknowns, self.posterior.point, self.misfit)
 
     @property
     def has_improved(self) -> bool:
@@ -145,23 +153,31 @@ class Calibration:
 
     @property
     def doubt(self) -> str:
-        """Why no windows should be simulated with the twin; empty if nothing is known against it.
+        """Why windows simulated with the twin are no better than those of the nominal twin; empty
+        if nothing is known against it.
 
-        Every use of the calibration states the same doubt.
+        It is a warning: every use of the calibration states it, and none is refused.
         """
         if not self.has_improved:
             return (
-                "Do not use this twin: its lines are no nearer to the measured ones than those of "
-                "the nominal twin. Check speed, pressure, units and the pump's parameters first."
+                "The calibrated twin's lines are no nearer to the measured ones than those of the "
+                "nominal twin. Check speed, pressure, units and the pump's parameters, and "
+                "calibrate again."
             )
         if any(estimate.verdict == "identified" for estimate in self.estimates):
             return ""
-        reason = "the recordings do not determine them"
+        warning = (
+            "None of the twin's six values is identified, so do not expect its windows to be "
+            "better than those of the nominal twin"
+        )
         if self.is_in_doubt:
-            reason = "the fit is in doubt, see the notes of the calibration"
+            return (
+                f"{warning}. The fit is in doubt: correct what the notes of the calibration name, "
+                "and calibrate again."
+            )
         return (
-            "Do not synthesize with this twin: none of its six values is identified "
-            f"({reason}). swashtwin twin next shows which further recording would determine them."
+            f"{warning}. The recordings do not determine them: swashtwin twin next shows which "
+            "further recording would."
         )
 
     @property
@@ -236,7 +252,7 @@ class Calibration:
 
 def _require_readable(path: Path | str, file_format: object) -> None:
     """Require a format of calibrations that this version reads."""
-    if file_format in (FORMAT, FORMAT_WITHOUT_PORTS):
+    if file_format in _READABLE_FORMATS:
         return
 
     kind = FORMAT.rsplit(" ", 1)[0]
@@ -277,6 +293,8 @@ def load_calibration(path: Path | str) -> Calibration:
     try:
         if file_format == FORMAT_WITHOUT_PORTS:
             _add_ports_as_drawn(table)
+        if file_format != FORMAT:
+            table["suspected_mistakes"] = []
         for name in ("twin", "nominal"):
             if name in table:
                 table[name] = twin_from_dict(table[name])

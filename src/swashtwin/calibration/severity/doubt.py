@@ -6,81 +6,54 @@ again as if each of a few simple mistakes had been made (`misfit_hypotheses`). T
 estimated under those that fit best, and its interval reaches around all of these results.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
-from typing import Any
 
-import numpy as np
-
-from swashtwin.calibration.drawing_errors import PRESSURE_FACTORS
 from swashtwin.calibration.measurement import Lines, measure
 from swashtwin.calibration.misfit_hypotheses import (
     CONSTANT_NAMES,
-    START_OFFSETS,
     TIE_FACTOR,
-    WIDE_PRIORS,
+    MisfitHypothesis,
+    find_suspected_mistakes,
+    free_all_supports,
+    try_mistakes,
 )
 from swashtwin.calibration.posterior import (
     DOUBTFUL_MISFIT,
     MAX_MISFIT,
     Posterior,
-    compute_misfit,
     posterior_covariance,
 )
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.search import GaussNewton
 from swashtwin.calibration.spectrum_objective import Objective, build_objective
-from swashtwin.calibration.unknowns import SCALE_NAMES
 from swashtwin.foundation import DataError
-from swashtwin.physics import Topology
 from swashtwin.recordings import Recording, build_manifest, find_copies
-
-_REFIT = GaussNewton(starts=1, max_iterations=8)
 
 # Constants that any pump's supports may have otherwise than specified.
 _SUPPORTS = ("mount", "bearing")
-_WIDE_SUPPORTS = {
-    name: getattr(WIDE_PRIORS, name) for name in (*_SUPPORTS, "mount_axes", "each_bearing")
-}
-
-
-@dataclass(frozen=True)
-class Mistake:
-    """What may have been specified wrongly."""
-
-    description: str
-    """The mistake, as a clause; empty for none."""
-    priors: Mapping[str, float] = field(default_factory=dict)
-    """Nuisances with their standard deviations that are searched instead."""
-    offsets: tuple[float, ...] = (0.0,)
-    """Starts of the searched constant, in logarithms from the twin's."""
-    pressure_factor: float = 1.0
-    """Factor on all specified discharge pressures."""
-    names: Mapping[str, str] = field(default_factory=dict)
-    """Name of each channel that has another one."""
-    topology: Topology | None = None
-    """How the bodies are joined; `None` as specified."""
-
-    def correct(self, recording: Recording) -> Recording:
-        """Return the recording without the mistake."""
-        channels = tuple(self.names.get(name, name) for name in recording.channels)
-        condition = recording.condition
-        if condition is not None:
-            pressure = self.pressure_factor * condition.discharge_pressure
-            condition = condition.replace(discharge_pressure=pressure)
-        return recording.replace(channels=channels, condition=condition)
-
-
-NO_MISTAKE = Mistake("")
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """A calibration that a severity may rest on."""
 
-    mistake: Mistake
+    mistake: str
+    """The mistake that it corrects, as a clause; empty for none."""
     calibration: Calibration
+    """The calibration without the mistake."""
+    pressure_factor: float = 1.0
+    """Factor on all specified discharge pressures."""
+    channel_names: Mapping[str, str] = field(default_factory=dict)
+    """Name of each channel that has another one."""
+
+    def correct(self, recording: Recording) -> Recording:
+        """Return the recording without the mistake."""
+        channels = tuple(self.channel_names.get(name, name) for name in recording.channels)
+        condition = recording.condition
+        if condition is not None:
+            pressure = self.pressure_factor * condition.discharge_pressure
+            condition = condition.replace(discharge_pressure=pressure)
+        return recording.replace(channels=channels, condition=condition)
 
 
 def describe_doubt(calibration: Calibration) -> str:
@@ -92,6 +65,8 @@ def describe_doubt(calibration: Calibration) -> str:
             f"its lines differ from the measured ones {calibration.misfit:.2g} times as much as "
             "noise and model error explain"
         )
+    if calibration.suspected_mistakes:
+        return f"its lines fit better if {calibration.suspected_mistakes[0]}"
     if calibration.is_in_doubt:
         return "its fit strains a bound or a prior"
 
@@ -118,68 +93,39 @@ def explain_doubt(
     # by content: recordings of other machines may have the same names
     used_ids = find_copies(calibration.recording_hashes, build_manifest(healthy))
     used = [recording for recording in healthy if recording.recording_id in used_ids]
-
-    # without a misfit only priors are strained, and wider ones answer that
-    mistakes = _list_mistakes(calibration)
-    if calibration.misfit <= DOUBTFUL_MISFIT:
-        mistakes = iter([_wrong_supports()])
-
-    explanations = [Explanation(NO_MISTAKE, calibration)]
     try:
-        explanations += [
-            Explanation(mistake, _calibrate_again(calibration, used, mistake))
-            for mistake in mistakes
-        ]
+        objective = _rebuild_objective(calibration, used)
     except DataError:
         # the recordings of the calibration are not given
         return ()
 
-    explanations.sort(key=lambda explanation: explanation.calibration.misfit)
-    limit = min(MAX_MISFIT, TIE_FACTOR * explanations[0].calibration.misfit)
-    if calibration.misfit <= DOUBTFUL_MISFIT:
-        limit = DOUBTFUL_MISFIT
-    return tuple(
+    point = calibration.posterior.point
+    hypotheses = [free_all_supports(objective)]
+    if calibration.misfit > DOUBTFUL_MISFIT:
+        hypotheses += try_mistakes(objective, point)
+    else:
+        # a small misfit is a priori explained: a wrong support may hide in it, or what is suspected
+        hypotheses += find_suspected_mistakes(objective, point)
+
+    limit = DOUBTFUL_MISFIT
+    if calibration.misfit > DOUBTFUL_MISFIT:
+        smallest = min(calibration.misfit, *(hypothesis.misfit for hypothesis in hypotheses))
+        limit = min(MAX_MISFIT, TIE_FACTOR * smallest)
+
+    explanations = [Explanation("", calibration)]
+    explanations += [
+        _explain(calibration, objective, hypothesis)
+        for hypothesis in hypotheses
+        if hypothesis.misfit <= limit
+    ]
+    likely = [
         explanation for explanation in explanations if explanation.calibration.misfit <= limit
-    )
+    ]
+    return tuple(sorted(likely, key=lambda explanation: explanation.calibration.misfit))
 
 
-def _wrong_supports() -> Mistake:
-    return Mistake("mounting and bearings are other than specified", priors=_WIDE_SUPPORTS)
-
-
-def _list_mistakes(calibration: Calibration) -> Iterator[Mistake]:
-    """Yield the mistakes that may explain a misfit."""
-    yield _wrong_supports()
-    for name in (*_SUPPORTS, "sensor"):
-        yield Mistake(
-            f"{CONSTANT_NAMES[name]} is other than specified",
-            priors={name: getattr(WIDE_PRIORS, name)},
-            offsets=START_OFFSETS[name],
-        )
-    for factor in PRESSURE_FACTORS:
-        yield Mistake(
-            f"the discharge pressure is {factor:g} times the specified one", pressure_factor=factor
-        )
-
-    channels = calibration.posterior.channels
-    for first, second in combinations(channels, 2):
-        yield Mistake(
-            f"{first} and {second} have each other's name", names={first: second, second: first}
-        )
-    if len(channels) > 1:
-        yield Mistake(
-            "channels have other gains than specified", priors={"gains": WIDE_PRIORS.gains}
-        )
-    topology: Topology = "T1"
-    if calibration.nominal.topology == "T1":
-        topology = "T2"
-    yield Mistake(f"the bodies are joined as in topology {topology}", topology=topology)
-
-
-def _calibrate_again(
-    calibration: Calibration, healthy: Sequence[Recording], mistake: Mistake
-) -> Calibration:
-    """Return the calibration on the same recordings without a mistake.
+def _rebuild_objective(calibration: Calibration, healthy: Sequence[Recording]) -> Objective:
+    """Return the objective of a calibration, from its recordings.
 
     Raises
     ------
@@ -187,53 +133,43 @@ def _calibrate_again(
         The recordings of the calibration are missing.
     """
     nominal = calibration.nominal
-    if mistake.topology is not None:
-        nominal = replace(nominal, topology=mistake.topology)
-    conditions = [
-        fit.condition.replace(
-            discharge_pressure=mistake.pressure_factor * fit.condition.discharge_pressure
-        )
-        for fit in calibration.fits
-    ]
-    recordings = [mistake.correct(recording.replace(label=nominal.label)) for recording in healthy]
-
     settings = calibration.settings
     band: tuple[float, float] = tuple(settings["band"])
     lines: Lines = settings["lines"]
-    twins = [nominal.at(condition) for condition in conditions]
+    recordings = [recording.replace(label=nominal.label) for recording in healthy]
+    twins = [nominal.at(fit.condition) for fit in calibration.fits]
     measurements = [
         measure(twin, recordings, band, lines, phases=settings["phases"]) for twin in twins
     ]
-    objective = build_objective(twins, measurements)
-    unknowns = calibration.posterior.unknowns
-    nuisances = replace(unknowns.nuisances, **dict[str, Any](mistake.priors))
-    unknowns = replace(unknowns, nuisances=nuisances, initial_point=None)
-    objective = replace(objective, unknowns=unknowns)
+    unknowns = replace(calibration.posterior.unknowns, initial_point=None)
+    return replace(build_objective(twins, measurements), unknowns=unknowns)
 
-    point, misfit = _refit(objective, mistake)
-    posterior = Posterior(unknowns, point, posterior_covariance(objective, point))
+
+def _explain(
+    calibration: Calibration, objective: Objective, hypothesis: MisfitHypothesis
+) -> Explanation:
+    """Return the calibration as if a mistake of its `objective` had been made and corrected."""
+    corrected = hypothesis.objective
+    unknowns = replace(corrected.unknowns, initial_point=None)
+    covariance = posterior_covariance(corrected, hypothesis.point)
+    conditions = [comparison.twin.condition for comparison in corrected.comparisons]
     fits = tuple(
         replace(fit, condition=condition)
         for fit, condition in zip(calibration.fits, conditions, strict=True)
     )
-    return replace(calibration, nominal=nominal, posterior=posterior, fits=fits, misfit=misfit)
-
-
-def _refit(objective: Objective, mistake: Mistake) -> tuple[np.ndarray, float]:
-    """Return the best point of searches from all starts of the mistake's constant, and its
-    misfit.
-    """
-    unknowns = objective.unknowns
-    refits = []
-    for offset in mistake.offsets:
-        start = unknowns.start.copy()
-        if offset:
-            (name,) = mistake.priors
-            start[unknowns.names.index(name)] = (
-                unknowns.twin_scales[SCALE_NAMES.index(name)] + offset
-            )
-        started = replace(objective, unknowns=replace(unknowns, initial_point=start))
-        point = _REFIT.search(started, seed=0).point
-        refits.append((compute_misfit(objective, point), point))
-    misfit, point = min(refits, key=lambda refit: refit[0])
-    return point, misfit
+    nominal = replace(
+        calibration.nominal, pump=corrected.twin.pump, topology=corrected.twin.topology
+    )
+    pressure = objective.twin.condition.discharge_pressure
+    return Explanation(
+        hypothesis.mistake,
+        replace(
+            calibration,
+            nominal=nominal,
+            posterior=Posterior(unknowns, hypothesis.point, covariance),
+            fits=fits,
+            misfit=hypothesis.misfit,
+        ),
+        pressure_factor=corrected.twin.condition.discharge_pressure / pressure,
+        channel_names=dict(zip(objective.channels, corrected.channels, strict=True)),
+    )

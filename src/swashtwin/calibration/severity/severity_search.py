@@ -27,12 +27,7 @@ from swashtwin.calibration.measurement import (
 from swashtwin.calibration.posterior import IDENTIFIED_STD, NORMAL_QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.recording_checks import require_one_machine
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.severity.doubt import (
-    NO_MISTAKE,
-    Explanation,
-    describe_doubt,
-    explain_doubt,
-)
+from swashtwin.calibration.severity.doubt import Explanation, describe_doubt, explain_doubt
 from swashtwin.calibration.severity.inversion import SEVERITY_GRID, Ends, Inversion, Minimum, Prior
 from swashtwin.calibration.severity.profile_likelihood import THRESHOLD
 from swashtwin.calibration.severity.severity_result import (
@@ -143,15 +138,7 @@ def estimate_severity(
     candidates = list(recordings)
     healthy_recordings = list(healthy)
 
-    space = build_fault_space(fault, free)
-    if calibration.law is not None:
-        space = calibration.law.apply_to_space(space)
-    if calibration.twin.fault is not None:
-        raise InputError(
-            f"The pump was calibrated with a fault ({calibration.twin.label}): calibrate it on its "
-            "healthy recordings, so that the fault's effect remains to be estimated.",
-            remedy="Calibrate with {fault='normal'}.",
-        )
+    space = _build_space(calibration, fault, free)
     require_one_machine([*candidates, *healthy_recordings], "a severity")
 
     pump = calibration.nominal.pump
@@ -159,18 +146,7 @@ def estimate_severity(
     healthy_recordings, _ = assign_single_channels(healthy_recordings, pump)
     used, excluded = _select_recordings(candidates, fault)
     with one_thread():
-        explanations: tuple[Explanation, ...] = (Explanation(NO_MISTAKE, calibration),)
-        is_in_doubt = bool(describe_doubt(calibration))
-        if is_in_doubt:
-            explanations = explain_doubt(calibration, healthy_recordings)
-        estimates = tuple(
-            _estimate_in_doubt(
-                calibration, explanations, recording, space, healthy_recordings, settings
-            )
-            if is_in_doubt
-            else _estimate_recording(calibration, recording, space, healthy_recordings, settings)
-            for recording in used
-        )
+        estimates = _estimate_recordings(calibration, used, space, healthy_recordings, settings)
 
     return SeverityTrend(
         reference=fault,
@@ -180,6 +156,27 @@ def estimate_severity(
         settings={**asdict(settings), "free": [dimension.name for dimension in space.free]},
         version=VERSION,
     )
+
+
+def _build_space(calibration: Calibration, fault: Fault, free: Sequence[str] | None) -> FaultSpace:
+    """Return what is searched of a fault, under the law that the calibration identified if any.
+
+    Raises
+    ------
+    InputError
+        The pump was calibrated with a fault.
+    """
+    if calibration.twin.fault is not None:
+        raise InputError(
+            f"The pump was calibrated with a fault ({calibration.twin.label}): calibrate it on its "
+            "healthy recordings, so that the fault's effect remains to be estimated.",
+            remedy="Calibrate with {fault='normal'}.",
+        )
+
+    space = build_fault_space(fault, free)
+    if calibration.law is not None:
+        space = calibration.law.apply_to_space(space)
+    return space
 
 
 def _select_recordings(
@@ -212,6 +209,29 @@ def _select_recordings(
             f"No recording to estimate a severity of ({reasons or 'there are no recordings'})."
         )
     return used, tuple(excluded)
+
+
+def _estimate_recordings(
+    calibration: Calibration,
+    recordings: Sequence[Recording],
+    space: FaultSpace,
+    healthy: Sequence[Recording],
+    settings: SeveritySettings,
+) -> tuple[Severity, ...]:
+    """Return the severity in each recording; if the calibration is in doubt, under all that
+    explains the doubt.
+    """
+    if not describe_doubt(calibration):
+        return tuple(
+            _estimate_recording(calibration, recording, space, healthy, settings)
+            for recording in recordings
+        )
+
+    explanations = explain_doubt(calibration, healthy)
+    return tuple(
+        _estimate_in_doubt(calibration, explanations, recording, space, healthy, settings)
+        for recording in recordings
+    )
 
 
 def _estimate_recording(
@@ -279,12 +299,11 @@ def _estimate_in_doubt(
 
     severities = {}
     for explanation in explanations:
-        mistake = explanation.mistake
-        severities[mistake.description] = _estimate_recording(
+        severities[explanation.mistake] = _estimate_recording(
             explanation.calibration,
-            mistake.correct(recording),
+            explanation.correct(recording),
             space,
-            [mistake.correct(recording) for recording in healthy],
+            [explanation.correct(recording) for recording in healthy],
             settings,
         )
     return combine_mistakes(severities)

@@ -11,13 +11,16 @@ from swashtwin.calibration import (
     Calibration,
     GaussNewton,
     Nuisances,
+    SeveritySettings,
     calibrate,
     is_warning,
     load_calibration,
 )
-from swashtwin.foundation import MPa, deg
+from swashtwin.calibration.fault_dimensions import build_fault_space
+from swashtwin.calibration.severity.severity_search import build_fault_comparison, build_inversion
+from swashtwin.foundation import MPa, deg, um
 from swashtwin.physics import PortTiming, Twin
-from swashtwin.pump import OperatingCondition, Pump
+from swashtwin.pump import OperatingCondition, PistonWear, Pump
 
 TIMING = PortTiming(discharge_open=deg(-0.5), suction_open=deg(0.5))
 
@@ -53,6 +56,17 @@ def test_a_saved_calibration_keeps_the_ports(calibration: Calibration, tmp_path:
     loaded = load_calibration(calibration.save(tmp_path / "calibration.json"))
     assert loaded.twin.port_timing == calibration.twin.port_timing
     assert torch.equal(loaded.twin.acceleration(), calibration.twin.acceleration())
+
+
+def test_a_severity_counts_the_error_of_estimated_ports_once(
+    twin: Twin, calibration: Calibration
+) -> None:
+    settings = SeveritySettings()
+    space = build_fault_space(PistonWear(um(60)), None)
+    faulty = recording_of(twin.with_fault(space.reference))
+    comparison = build_fault_comparison(calibration, [faulty], space.reference, [], settings.band)
+    assert "discharge_open" in calibration.posterior.unknowns.names
+    assert build_inversion(calibration, [comparison], space, [], settings).port_timing == 0.0
 
 
 def test_a_calibration_without_ports_is_read_as_drawn(twin: Twin, tmp_path: Path) -> None:

@@ -40,7 +40,8 @@ class SeveritySettings:
     """
     port_timing: float = PORT_TOLERANCE
     """Standard deviation of the shaft angle at which a port begins to open, from that of the pump
-    file [rad]. What it changes in the lines is not a sign of a fault.
+    file [rad]. What it changes in the lines is not a sign of a fault. Not used if the calibration
+    estimated the ports (`Nuisances.port_timing`), whose posterior is then what is known of them.
     """
 
     def __post_init__(self) -> None:

@@ -481,8 +481,13 @@ def build_inversion(
         covariance[:, index] = 0.0
         covariance[index, index] = FIXED_STD**2
 
+    # ports that the calibration estimated are known: their error is in its posterior
+    port_timing = settings.port_timing
+    if unknowns.port_angles:
+        port_timing = 0.0
+
     prior = Prior(center, covariance + drift, drift)
-    return Inversion(Objective(tuple(comparisons), unknowns), space, prior, settings.port_timing)
+    return Inversion(Objective(tuple(comparisons), unknowns), space, prior, port_timing)
 
 
 def _line_floor(

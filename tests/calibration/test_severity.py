@@ -317,12 +317,14 @@ def test_a_recess_that_two_laws_explain_has_an_interval_around_both(
     assert combined.severity.interval == (shared.severity.interval[0], mm(0.9))
     assert shared.severity.verdict == "identified"
     assert combined.severity.verdict == "weak"
-    assert "if contact=lift_off; the lines do not decide" in combined.notes[-1]
+    assert "if slippers lift off over the recess; the lines do not decide" in combined.notes[-1]
 
     # a law that fits much worse is named, but does not widen the interval
     decided = combine_laws({"lift_off": (lifting, 11.0)}, ["shared"])
     assert decided.severity == depth
-    assert decided.notes[-1].endswith("the lines exclude contact=shared")
+    assert decided.notes[-1].endswith(
+        "the lines exclude that the oil film pulls slippers into the recess"
+    )
 
 
 @pytest.mark.parametrize("stated_depth", [mm(0.07), mm(0.6)])
@@ -338,8 +340,8 @@ def test_a_deep_recess_from_which_slippers_lift_off_is_not_excluded(
     assert estimate.severity.interval[0] == 0.0
     assert estimate.severity.interval[1] > deep.depth
     assert estimate.severity.verdict in ("not detected", "at bound")
-    assert "if contact=shared" in estimate.notes[-1]
-    assert "if contact=lift_off" in estimate.notes[-1]
+    assert "if the oil film pulls slippers into the recess" in estimate.notes[-1]
+    assert "if slippers lift off" in estimate.notes[-1]
     # no depth is distinguished from none under both laws
     assert estimate.detection_limit is None or estimate.detection_limit > deep.depth
 
@@ -352,7 +354,7 @@ def test_a_recess_much_deeper_than_stated_is_found(
     (estimate,) = estimate_severity(calibration, [record(deep, "deep")], shallow, free=()).estimates
     assert estimate.severity.interval[0] < deep.depth < estimate.severity.interval[1]
     assert estimate.severity.value == pytest.approx(deep.depth, rel=0.25)
-    assert estimate.notes[-1].endswith("the lines exclude contact=lift_off")
+    assert estimate.notes[-1].endswith("the lines exclude that slippers lift off over the recess")
 
 
 def test_lines_that_no_severity_explains_have_no_verdict(

@@ -165,7 +165,8 @@ def combine_laws(
     contacts = sorted(severities, key=lambda contact: severities[contact][1])
     best, *rivals = [severities[contact][0] for contact in contacts]
     notes = [
-        f"{best.severity.text} if contact={contacts[0]}; the lines exclude contact={contact}"
+        f"{best.severity.text} if {_CONTACT_CLAUSES[contacts[0]]}; the lines exclude that "
+        f"{_CONTACT_CLAUSES[contact]}"
         for contact in rejected
     ]
     if not rivals:
@@ -180,10 +181,18 @@ def combine_laws(
             detection_limit=_larger_limit(combined.detection_limit, rival.detection_limit),
         )
     sizes = ", ".join(
-        f"{severities[contact][0].severity.text} if contact={contact}" for contact in contacts
+        f"{severities[contact][0].severity.text} if {_CONTACT_CLAUSES[contact]}"
+        for contact in contacts
     )
     note = f"{sizes}; the lines do not decide between them"
     return replace(combined, notes=(*best.notes, note))
+
+
+# What each contact of a recess means in the pump.
+_CONTACT_CLAUSES = {
+    "shared": "the oil film pulls slippers into the recess",
+    "lift_off": "slippers lift off over the recess",
+}
 
 
 def combine_mistakes(severities: Mapping[str, Severity]) -> Severity:
@@ -209,7 +218,7 @@ def combine_mistakes(severities: Mapping[str, Severity]) -> Severity:
         f"{severity.severity.text} if {mistake or 'nothing is wrong'}"
         for mistake, severity in severities.items()
     ]
-    note = f"the calibration is in doubt: {', '.join(sizes)}"
+    note = f"the calibration is in doubt: {'; '.join(sizes)}"
     return replace(first, dimensions=dimensions, detection_limit=limit, notes=(*first.notes, note))
 
 

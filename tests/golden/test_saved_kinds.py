@@ -10,7 +10,7 @@ from golden_files import load_golden
 from saved_kinds import SAVED_KINDS, WITHOUT_VERSION, SavedKind
 from stored_keys import STORED_KEYS, stored_keys
 
-from swashtwin.calibration.result import FORMAT_WITHOUT_PORTS
+from swashtwin.calibration.result import FORMAT_WITHOUT_MISTAKES
 from swashtwin.foundation import SwashTwinError
 from swashtwin.monitoring.history.database import EXTENDED_VERSION
 
@@ -76,8 +76,8 @@ def test_another_version_is_refused(
         # A plant's history of the previous version is extended when it is opened.
         others.remove(EXTENDED_VERSION)
     if name == "calibration":
-        # A calibration of the previous version is read; its ports are as drawn.
-        others.remove(int(FORMAT_WITHOUT_PORTS.rsplit(" ", 1)[1]))
+        # A calibration of the previous version is read; it lists no mistakes.
+        others.remove(int(FORMAT_WITHOUT_MISTAKES.rsplit(" ", 1)[1]))
     for other in sorted(others):
         path = saved_file(name, tmp_path / str(other))
         version = re.sub(r"\d+$", str(other), kind.file.version(path))

@@ -13,7 +13,7 @@ Examples
 
 import math
 import re
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING
 
 from swashtwin.foundation.errors import UnitError
@@ -119,6 +119,8 @@ def _registry() -> "UnitRegistry":
     return registry
 
 
+# A pump has 70 quantities in a dozen units, which pint would parse for each anew.
+@lru_cache(maxsize=256)
 def _pint_unit(text: str) -> "Unit | None":
     import tokenize
 
@@ -141,6 +143,7 @@ def _pint_unit(text: str) -> "Unit | None":
         return None
 
 
+@lru_cache(maxsize=256)
 def _dimension(unit: "Unit") -> str:
     return str(_registry().Quantity(1.0, unit).to_root_units().units)
 

@@ -29,6 +29,9 @@ ROOMS = (
     "cli",
 )
 
+COMPLETE_ROOMS = ("monitoring/history", "monitoring/sources", "pump", "recordings", "signals")
+"""Rooms that import no extra; .ci/run does not run their tests again without torch."""
+
 PRINT_MISSING_NAMES = f"""
 import importlib, sys
 class Missing:
@@ -87,9 +90,8 @@ def imported_packages(room: str = "") -> dict[str, set[str]]:
     return files_by_package
 
 
-# .ci/run relies on it: it does not run the tests of recordings and signals again without torch
-@pytest.mark.parametrize("room", ["pump", "recordings", "signals"])
-def test_rooms_below_learning_import_only_packages_of_the_base_install(room: str) -> None:
+@pytest.mark.parametrize("room", COMPLETE_ROOMS)
+def test_complete_rooms_import_only_packages_of_the_base_install(room: str) -> None:
     assert not imported_packages(room).keys() & set(EXTRAS)
 
 

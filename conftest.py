@@ -89,16 +89,22 @@ def at_15() -> "OperatingCondition":
 
 
 @pytest.fixture(scope="session")
-def plant(tmp_path_factory: pytest.TempPathFactory) -> "Plant":
-    """Recordings, models and calibrations on disk, built once for all workers."""
-    from plant import Plant  # which needs torch
-
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of what is built once for all workers; see `build_once.built_once`."""
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent
-    (folder / "plant").mkdir(exist_ok=True)
+    folder /= "shared"
+    folder.mkdir(exist_ok=True)
+    return folder
 
-    return Plant(folder / "plant")
+
+@pytest.fixture(scope="session")
+def plant(shared_folder: Path) -> "Plant":
+    """Recordings, models and calibrations on disk."""
+    from plant import Plant  # which needs torch
+
+    return Plant(shared_folder)
 
 
 @pytest.fixture(scope="session")

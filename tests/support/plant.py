@@ -5,10 +5,10 @@ Each thing is built when it is first used, once for all processes that run tests
 test writes there.
 """
 
-import fcntl
 from collections.abc import Callable
 from pathlib import Path
 
+from build_once import built_once
 from golden_rig import plant_recordings, write_workspace
 
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate
@@ -38,16 +38,7 @@ class Plant:
         self._folder = folder
 
     def _built(self, name: str, build: Callable[[Path], object]) -> Path:
-        """Return a file or folder of this name, which is built if it does not exist."""
-        path = self._folder / name
-        mark = self._folder / f".{name}.done"
-        with (self._folder / f".{name}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            if not mark.exists():
-                build(path)
-                mark.touch()
-
-        return path
+        return built_once(self._folder / name, build)
 
     @property
     def folder(self) -> Path:

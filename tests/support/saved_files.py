@@ -15,7 +15,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-import tomlkit
+import tomli_w
 from safetensors import safe_open
 
 from swashtwin.foundation import read_artifact, write_artifact
@@ -140,7 +140,7 @@ class TomlFile(Tables):
         return tomllib.loads(path.read_text(encoding="utf-8"))
 
     def write(self, path: Path, tables: Any) -> None:
-        path.write_text(tomlkit.dumps(tables), encoding="utf-8")
+        path.write_text(tomli_w.dumps(tables), encoding="utf-8")
 
 
 class Artifact(Tables):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from build_once import built_once
 from fastapi import FastAPI
 from judgments import rejection
 from starlette.testclient import TestClient
@@ -126,9 +127,14 @@ def _recording(name: str, number: int, *, wear: int, is_flat: bool) -> Recording
 
 
 @pytest.fixture(scope="session")
-def filled_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def filled_folder(shared_folder: Path) -> Path:
     """Folder of a configuration and its history; a test that changes it takes a copy."""
-    folder = tmp_path_factory.mktemp("plant")
+    return built_once(shared_folder / "watched", fill)
+
+
+def fill(folder: Path) -> None:
+    """Write a configuration, and the history of what it has judged."""
+    folder.mkdir()
     (folder / "watch.toml").write_text(_CONFIG, encoding="utf-8")
     config = load_watch_config(folder / "watch.toml")
     history = History.open("", config.folder)
@@ -154,7 +160,6 @@ def filled_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     history.reject(stranger)
 
     history.close()
-    return folder
 
 
 @pytest.fixture
@@ -183,9 +188,13 @@ def application(plant: Plant) -> FastAPI:
 
 
 @pytest.fixture(scope="session")
-def shared_application(filled_folder: Path) -> Iterator[FastAPI]:
+def shared_application(
+    filled_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[FastAPI]:
     """The page of a plant that no test changes."""
-    config = load_watch_config(filled_folder / "watch.toml")
+    folder = tmp_path_factory.mktemp("shown") / "plant"
+    shutil.copytree(filled_folder, folder)
+    config = load_watch_config(folder / "watch.toml")
     history = History.open("", config.folder)
     yield build_watch_page(config, history, status=watch_status)
     history.close()

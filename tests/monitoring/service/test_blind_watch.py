@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import contextmanager
@@ -69,11 +70,29 @@ def events(config: WatchConfig) -> list[str]:
     return [" ".join(re.findall(r"(\w+) alarm (\w+)", line)[0]) for line in lines]
 
 
-def learn(config: WatchConfig, count: int = LEARNING, **settings: object) -> None:
+def learn(config: WatchConfig, count: int) -> None:
     inbox = config.path.parent / "incoming"
     for number in range(count):
-        write_hum(inbox / f"{number:03}.h5", number, 10 * number, **settings)
+        write_hum(inbox / f"{number:03}.h5", number, 10 * number)
     assert states(judge(config)[0]) == ["learning"] * count
+
+
+@pytest.fixture(scope="module")
+def learned_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a watch that has learned its baseline."""
+    folder = tmp_path_factory.mktemp("learned")
+    learn(watch_config(folder, LOG_CHANNEL), LEARNING)
+    # The copy of a file would be a delivery of its own.
+    for path in (folder / "incoming").iterdir():
+        path.unlink()
+    return folder
+
+
+@pytest.fixture
+def learned(learned_folder: Path, tmp_path: Path) -> WatchConfig:
+    """A copy of such a watch in the folder of the test, which may change it."""
+    shutil.copytree(learned_folder, tmp_path, dirs_exist_ok=True)
+    return load_watch_config(tmp_path / "watch.toml")
 
 
 def add_broken(config: WatchConfig, names: str) -> None:
@@ -146,18 +165,16 @@ def test_a_finding_outlives_a_restart_and_a_silence(tmp_path: Path) -> None:
     ],
 )
 def test_a_lost_channel_or_a_changed_rate_is_a_finding_within_three_deliveries(
-    tmp_path: Path, change: dict[str, object], reason: str
+    learned: WatchConfig, tmp_path: Path, change: dict[str, object], reason: str
 ) -> None:
-    config = watch_config(tmp_path, LOG_CHANNEL)
-    learn(config)
     for number in range(N_IN_A_ROW):
         write_hum(tmp_path / "incoming" / f"n{number}.h5", 90 + number, 300 + number, **change)
-    outcomes, status = judge(config)
+    outcomes, status = judge(learned)
     assert states(outcomes) == ["rejected"] * N_IN_A_ROW
     assert "not fit for a verdict" in status.problems[0]
-    with opened_history(config) as history:
+    with opened_history(learned) as history:
         assert {rejection.reason for rejection in history.reader.rejections()} == {reason}
-    assert events(config) == ["delivery opened"]
+    assert events(learned) == ["delivery opened"]
 
 
 def write_csv(path: Path, seed: int, minute: float, unit: str = " [m/s^2]") -> None:
@@ -220,18 +237,18 @@ def test_a_machine_that_the_configuration_lacks_is_a_problem_of_its_source(tmp_p
     [LOGGER_RESET, AN_HOUR_BACK, -5e5],
     ids=["2000", "an hour", "a year"],
 )
-def test_a_clock_that_falls_back_hides_no_fault(tmp_path: Path, first: float) -> None:
-    config = watch_config(tmp_path, LOG_CHANNEL)
-    learn(config)
+def test_a_clock_that_falls_back_hides_no_fault(
+    learned: WatchConfig, tmp_path: Path, first: float
+) -> None:
     inbox = tmp_path / "incoming"
     for number in range(10):
         write_hum(inbox / f"s{number}.h5", 600 + number, first + 10 * number, gain=WORN_GAIN)
-    outcomes, status = judge(config)
+    outcomes, status = judge(learned)
     assert states(outcomes)[-1] == "alarm"
     assert "rejected" not in states(outcomes)
     assert "clock" in outcomes[0].sentence
-    assert "pump opened" in events(config)
-    assert "delivery opened" in events(config)
+    assert "pump opened" in events(learned)
+    assert "delivery opened" in events(learned)
     if first != AN_HOUR_BACK:
         assert "wrong clock" in status.problems[0]
         assert "Check the clock of the logger" in status.problems[0]

@@ -78,7 +78,6 @@ plt.show()
 # The spectrum of the recording, with marked lines of the shaft and of the seven pistons.
 
 st.plot.spectrum(test[0], pistons=7)
-plt.show()
 
 # %%
 # Plot the confusion matrix
@@ -94,4 +93,3 @@ counts = np.array(
     ]
 )
 st.plot.confusion(counts, names)
-plt.show()

@@ -204,7 +204,8 @@ def test_few_training_recordings_give_the_minimum_error_rate_that_they_allow(
     predictor = cross_fitted_confidence(*answers, np.zeros(count))
 
     assert predictor.error_rate == rate
-    assert predictor.basis == f"{count} training recordings answered by models trained without them"
+    basis = "training recordings, each classified by models trained without it"
+    assert predictor.basis == f"{count} {basis}"
     with pytest.raises(
         InputError,
         match=rf"0\.03 needs 33 validation recordings, and there are {count}",

@@ -41,6 +41,10 @@ def test_spectra_are_drawn_over_each_other_with_their_names_and_one_set_of_marks
     assert len([text for text in figure.axes[0].texts if text.get_text() == "7x"]) == 1
 
 
+def test_a_notebook_shows_a_figure_as_an_image() -> None:
+    assert plot.confusion(np.eye(1), ("a",))._repr_html_().startswith("<img alt='figure'")
+
+
 def test_arrays_are_drawn_at_their_sample_rate() -> None:
     wave = tone(7).signal[0]
     figure = plot.spectrum([wave, wave[:8000]], sample_rate=4000.0)

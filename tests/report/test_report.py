@@ -366,7 +366,7 @@ def test_an_unknown_recording_has_no_shares_of_trained_classes(diagnosis, tmp_pa
         n_basis=100,
     )
     page = write_report(unknown, folder=tmp_path).read_text(encoding="utf-8")
-    assert "Unknown: unlike the recordings of the training" in page
+    assert "Unknown: differs from every trained class" in page
     assert "more than 90 % of the training recordings do (n = 100)" in plain(page)
     assert "99 %" not in page
     assert not list(tmp_path.glob("figures/*_scores.*"))

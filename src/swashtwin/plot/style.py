@@ -7,6 +7,8 @@ readers can distinguish. Each training set and each class has one color; a marke
 a word repeats it.
 """
 
+import base64
+import io
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -99,13 +101,24 @@ def series_colors(names: Sequence[str]) -> dict[str, str]:
     return colors
 
 
+class _NotebookFigure(Figure):
+    """Figure that a notebook shows although pyplot does not know it."""
+
+    def _repr_html_(self) -> str:
+        image = io.BytesIO()
+        with figure_style():
+            self.savefig(image, format="png", dpi=100)
+        content = base64.b64encode(image.getvalue()).decode("ascii")
+        return f"<img alt='figure' style='max-width:100%' src='data:image/png;base64,{content}'>"
+
+
 def create_panels(
     rows: int, columns: int, height: float, **options: Any
 ) -> tuple[Figure, np.ndarray]:
     """Return an empty figure of the common width and a `height` [inch], and its axes as an array of
     (row, column).
     """
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    figure = _NotebookFigure(figsize=(WIDTH, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 

@@ -189,7 +189,7 @@ def _describe_verdict(diagnosis: Diagnosis) -> tuple[str, Tone]:
     if diagnosis.is_prior_unknown:
         return "Unknown: like a fault outside the trained classes", "unsure"
     if diagnosis.unknown:
-        return "Unknown: unlike the recordings of the training", "unsure"
+        return "Unknown: differs from every trained class", "unsure"
     if len(diagnosis.candidates) > 1:
         return f"Not certain: {' or '.join(map(format_label, diagnosis.candidates))}", "unsure"
     if is_healthy(diagnosis.label):
@@ -419,7 +419,7 @@ def build_anomaly_part(verdict: Diagnosis, key: str) -> Part:
         actions = NO_VERDICT_ACTIONS
         certainty = verdict.notes
     elif verdict.alarm:
-        title = "Alarm: unlike the healthy recordings"
+        title = "Alarm: differs from the healthy recordings"
         tone = "bad"
         largest = verdict.largest_changes or "no single band"
         answer = (

@@ -84,7 +84,7 @@ class Confidence:
         """Description of the validation recordings."""
         if self.cross_fitted:
             recordings = plural(self.n_recordings, "training recording")
-            return f"{recordings} answered by models trained without them"
+            return f"{recordings}, each classified by models trained without it"
         return f"{plural(self.n_recordings, 'validation recording')} held out"
 
     def temperature_scaled(

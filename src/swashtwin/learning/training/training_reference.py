@@ -131,12 +131,12 @@ def deviating_statistics(
 
     A recording's deviation is the largest distance of its statistics from the range of other
     recordings, in standard deviations between the training recordings (at least 1 dB). A statistic
-    is reported if its deviation exceeds that of all but `ERROR_RATE` of the training recordings,
-    each compared with the others, or with those of other `machines` ("" if not specified) if there
-    are several. So at most about this share of recordings like the training's get any report; with
-    n < 19 training recordings, about one in n + 1. The same conformal rule decides which recordings
-    are called unknown. Fewer than five recordings give no such rate: then a distance of 10 dB is
-    reported.
+    is reported if its deviation exceeds the deviations of a share 1 - `ERROR_RATE` of the training
+    recordings, each compared with the others, or with those of other `machines` ("" if not
+    specified) if there are several. So at most about this share of recordings like the training's
+    get any report; with n < 19 training recordings, about one in n + 1. The same conformal rule
+    decides which recordings are called unknown. Fewer than five recordings give no such rate: then
+    a distance of 10 dB is reported.
     """
     values = training[:, :, : len(STATISTICS)]
     recorded = statistics[:, : len(STATISTICS)]

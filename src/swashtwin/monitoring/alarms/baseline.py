@@ -28,8 +28,8 @@ LARGE_CHANGE_DB = 6.0
 LARGE_CHANGE_SPREADS = 5.0
 """Mean change of the `N_CHANGES` bands, over their scatter, that makes a recording large."""
 MAX_LEARNED_CHANGE_DB = 12.0
-"""Mean change of the `N_CHANGES` bands furthest from the median of the other recordings, from which
-on a recording is not learned from.
+"""A recording does not enter the baseline if the `N_CHANGES` bands that differ most from the median
+of the other recordings differ by this much on average.
 """
 MIN_SPREAD_DB = 1.0
 """Standard deviation that is added to that of each band power (as a variance): twenty recordings of

@@ -106,7 +106,7 @@ def _recess_motion(twin: Twin, recess: SwashPlateDefect) -> tuple[np.ndarray, np
     """Return displacement [m] and acceleration along the shaft [m/s^2] of a slipper.
 
     Both are means about `TURN_POINTS` angles of its piston. The films hold a slipper to a recess
-    that strains them, without an inertia of its own.
+    that strains them; the inertia of the slipper is neglected.
     """
     if recess.contact == "lift_off":
         path = ride(twin.pump, twin.condition, recess)

@@ -13,7 +13,7 @@ from swashtwin import report
 from swashtwin.foundation import um
 from swashtwin.physics import Twin, solve_turn
 from swashtwin.pump import FAULT_KINDS, OperatingCondition, PistonWear, Pump
-from swashtwin.report import LivingPump, describe_turn
+from swashtwin.report import LivingPump, build_living_pumps, describe_turn
 
 STATIC = Path(report.__file__).parent / "static"
 
@@ -62,10 +62,19 @@ def test_a_fault_is_drawn_at_its_piston_at_a_round_factor(
     assert content["gap"] == pytest.approx(50 * 0.045)
 
 
+def test_a_machine_without_a_pump_file_gets_a_pump_of_its_number_of_pistons() -> None:
+    (block,) = build_living_pumps("piston", pistons=9)
+
+    assert block.content["chamber"]["rows"] == 9
+    assert "a pump like 25scy14-1b with 9 pistons" in block.caption
+
+
 def test_no_name_ends_the_element_that_holds_the_numbers() -> None:
-    text = LivingPump({"name": "</script><b>"}, "").json
-    assert "<" not in text
-    assert json.loads(text) == {"name": "</script><b>"}
+    html = LivingPump({"name": "</script><b>"}, "A <caption>").html
+    numbers = re.findall(r'json">(.*?)</script>', html)
+
+    assert [json.loads(text) for text in numbers] == [{"name": "</script><b>"}]
+    assert "A &lt;caption&gt;" in html
 
 
 def test_script_and_style_need_nothing_from_elsewhere() -> None:

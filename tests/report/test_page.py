@@ -109,6 +109,30 @@ def test_a_suspected_fault_is_marked_in_a_drawing() -> None:
     assert "Where to look" in render_page(diagnosis())
 
 
+def test_a_suspected_fault_turns_in_a_pump_that_is_stated_not_to_be_the_machine() -> None:
+    page = render_page(diagnosis())
+
+    assert page.count('class="living-pump"') == 1
+    assert "Oil leaks past piston 1" in page
+    assert "Not this machine, but a pump like 25scy14-1b with 7 pistons" in page
+    assert "class LivingPump" in page
+
+
+@pytest.mark.parametrize(
+    "verdicts",
+    [
+        pytest.param([diagnosis(label="normal")], id="healthy"),
+        pytest.param(
+            [diagnosis(label="coupling", probabilities={"coupling": 1.0})],
+            id="no fault of the pump",
+        ),
+        pytest.param([diagnosis(name) for name in "abc"], id="many recordings"),
+    ],
+)
+def test_no_pump_turns_without_one_suspected_fault(verdicts: list[Diagnosis]) -> None:
+    assert "living-pump" not in render_page(*verdicts)
+
+
 def test_a_healthy_recording_has_no_part_marked() -> None:
     page = render_page(diagnosis(label="normal"))
 
@@ -382,6 +406,10 @@ def test_a_page_on_a_phone_does_not_scroll_sideways(tmp_path: Path) -> None:
             executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
         )
         phone = browser.new_page(viewport={"width": 390, "height": 800})
+        errors: list[str] = []
+        phone.on("pageerror", lambda error: errors.append(str(error)))
         phone.goto(page.as_uri())
+        phone.wait_for_function("document.querySelector('.living-pump').pump.frames > 0")
         assert phone.evaluate("document.documentElement.scrollWidth") == 390
+        assert errors == []
         browser.close()

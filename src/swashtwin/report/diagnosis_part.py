@@ -24,6 +24,7 @@ from swashtwin.plot import (
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import RecordingSummary
 from swashtwin.report.drawing import Cutaway, Drawing, build_cutaways, render_drawing
+from swashtwin.report.living_pump import LivingPump, build_living_pumps
 from swashtwin.report.model_part import build_choice_blocks
 from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table, Tone
 from swashtwin.report.wording import (
@@ -216,14 +217,16 @@ def _describe_answer(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 def build_glance(
     verdict: Diagnosis, key: str, labels: tuple[str, ...]
-) -> tuple[Drawing | Cutaway, ...]:
-    """Return the pump with the part of each label marked, and the spectrum over healthy
-    recordings.
+) -> tuple[Drawing | Cutaway | LivingPump, ...]:
+    """Return the pump with the part of each label marked, a pump that turns with such a fault, and
+    the spectrum over healthy recordings.
     """
     facts = verdict.facts
-    blocks: list[Drawing | Cutaway] = []
+    speed = None if facts.shaft is None else 2 * math.pi * facts.shaft
+    blocks: list[Drawing | Cutaway | LivingPump] = []
     for label in labels:
         blocks += build_cutaways(label, facts.pistons, facts.shaft)
+        blocks += build_living_pumps(label, pistons=facts.pistons, speed=speed)
     if verdict.spectrum is not None:
         blocks.append(draw_spectrum_over_healthy(verdict.spectrum, facts, key))
     return tuple(blocks)

@@ -5,26 +5,35 @@
 
 import base64
 import math
-from dataclasses import dataclass
-from functools import singledispatch
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache, singledispatch
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from markupsafe import Markup
 
-from swashtwin.foundation import json_text, plural, to_table
+from swashtwin.foundation import SwashTwinError, json_text, load_extra, plural, rpm, to_table
 from swashtwin.plot import format_label
 from swashtwin.pump import (
+    FAULT_KINDS,
     BoreDefect,
     DamScratch,
     Fault,
     GrooveErosion,
     LooseSlipper,
+    Nameplate,
+    OperatingCondition,
     PistonWear,
     Pump,
     SealingLandScratch,
+    SwashPlateDefect,
     TiltedBlockFace,
     ValvePlateWear,
+    load_pump,
+    propose_class,
+    scaled_pump,
 )
 from swashtwin.report.drawing import build_cutaways
 
@@ -48,9 +57,99 @@ class LivingPump:
     """Which pump is drawn, and how far it is that of the reader."""
 
     @property
-    def json(self) -> Markup:
-        """The content as the text of a script element, which it cannot end."""
-        return Markup(json_text(self.content).replace("<", "\\u003c"))
+    def html(self) -> Markup:
+        """The block as HTML; the page also needs `static/living_pump.js` and its style."""
+        # The numbers must not end the element that holds them.
+        numbers = Markup(json_text(self.content).replace("<", "\\u003c"))
+        frame = Markup(
+            '<div class="living-pump"><script type="application/json">{}</script></div>\n'
+            '<p class="soft">{}</p>'
+        )
+        return frame.format(numbers, self.caption)
+
+
+@cache
+def load_pump_source(suffix: Literal["js", "css"]) -> Markup:
+    """Return the script or the style of `LivingPump.html`, for a page that needs no other file."""
+    file = resources.files("swashtwin.report") / "static" / f"living_pump.{suffix}"
+    return Markup(file.read_text(encoding="utf-8"))
+
+
+SHIPPED_PUMP = "25scy14-1b"
+"""Pump that is drawn if the machine's is not known."""
+
+# Pumps that are kept, since an open page of an alarm may be loaded again and again.
+_CACHED_PUMPS = 16
+
+_MIN_BANDWIDTH_HZ = 3000.0
+
+
+@lru_cache(maxsize=_CACHED_PUMPS)
+def build_living_pumps(
+    label: str,
+    pump: str | Path | None = None,
+    pistons: int | None = None,
+    speed: float | None = None,
+    pressure: float | None = None,
+) -> tuple[LivingPump, ...]:
+    """Return a pump that turns with a typical fault of a class.
+
+    The result is empty if the class has no fault that can be simulated, if the pump cannot run at
+    the operating point, or if an extra is not installed: a page is complete without it.
+
+    Parameters
+    ----------
+    label : class of the fault.
+    pump : name or file of the machine's pump; by default `SHIPPED_PUMP`, scaled to `pistons`.
+    pistons : number of pistons of a machine whose pump is not known.
+    speed : shaft speed [rad/s]; by default the pump's rated one.
+    pressure : discharge pressure [Pa]; by default the rated one.
+    """
+    fault = FAULT_KINDS.get(propose_class(label) or label)
+    if fault is None:
+        return ()
+    if isinstance(fault, SwashPlateDefect):
+        fault = fault.with_fitting_contact()
+    try:
+        drawn_pump = _load_pump(pump, pistons)
+        assert drawn_pump.rated is not None
+        condition = OperatingCondition(
+            speed or drawn_pump.rated.speed, pressure or drawn_pump.rated.discharge_pressure
+        )
+        piston_pass = drawn_pump.rotating_group.piston_count * condition.shaft_frequency
+        bandwidth = max(_MIN_BANDWIDTH_HZ, 1.05 * piston_pass)
+        physics = load_extra("swashtwin.physics", "twin", "a pump that turns")
+        content = describe_turn(physics.Twin(drawn_pump, condition, fault, bandwidth=bandwidth))
+    except SwashTwinError:
+        return ()
+
+    subject = f"Pump {drawn_pump.name}"
+    if pump is None:
+        subject = f"Not this machine, but a pump like {SHIPPED_PUMP}"
+    caption = (
+        f"{subject} with {drawn_pump.rotating_group.piston_count} pistons, simulated at "
+        f"{condition.speed / rpm(1):.4g} rpm and {1e-6 * condition.discharge_pressure:.3g} MPa "
+        f"with a typical fault of the class {format_label(label)}."
+    )
+    return (LivingPump(content, caption),)
+
+
+def _load_pump(pump: str | Path | None, pistons: int | None) -> Pump:
+    """Return the pump that is drawn, with the ratings of the shipped one if it states none."""
+    shipped = load_pump(SHIPPED_PUMP)
+    assert shipped.rated is not None
+    if pump is not None:
+        drawn_pump = load_pump(pump)
+        return replace(drawn_pump, rated=drawn_pump.rated or shipped.rated)
+    if pistons in (None, shipped.rotating_group.piston_count):
+        return shipped
+    nameplate = Nameplate(
+        displacement=shipped.rotating_group.displacement,
+        piston_count=pistons,
+        speed=shipped.rated.speed,
+        discharge_pressure=shipped.rated.discharge_pressure,
+    )
+    return scaled_pump(shipped, nameplate, f"{SHIPPED_PUMP} scaled to {pistons} pistons")
 
 
 def describe_turn(twin: "Twin") -> dict[str, Any]:

@@ -25,6 +25,7 @@ from swashtwin.recordings import Recording, summarize_recordings
 from swashtwin.report.diagnosis_part import build_anomaly_part, build_diagnosis_part
 from swashtwin.report.drawing import Drawing, load_template
 from swashtwin.report.evidence_part import build_evidence_part
+from swashtwin.report.living_pump import LivingPump, load_pump_source
 from swashtwin.report.model_part import (
     build_alarms_part,
     build_detector_part,
@@ -263,7 +264,13 @@ def _order_sections(parts: Sequence[Part]) -> list[Section]:
 
 def _render(content: _Content, *, has_folder: bool) -> str:
     """Return the page as HTML."""
+    # Of many recordings each pump would add its numbers to the page.
+    turns = not content.overview and any(
+        isinstance(block, LivingPump) for card in content.cards for block in card.glance
+    )
     page = load_template("report.html.jinja").render(
+        pump_style=load_pump_source("css") if turns else "",
+        pump_script=load_pump_source("js") if turns else "",
         facts=content.facts,
         notices=content.notices,
         cards=content.cards,

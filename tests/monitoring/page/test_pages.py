@@ -117,6 +117,25 @@ def test_a_recording_that_a_pump_prior_does_not_know_states_its_reason(
     assert "differs from every trained class" not in text
 
 
+def test_an_alarm_with_a_suspect_shows_how_such_a_fault_acts(client: TestClient, plant) -> None:
+    alarm = plant.history.reader.alarm(1)
+    suspect = {"certainty": "sure", "label": "piston", "sentence": "Suspect: piston."}
+    with plant.history.machine("pump-1") as machine:
+        opened = machine.open_alarm(
+            "pump", None, alarm.opened, {"suspect": suspect}, alarm.recording
+        )
+        number = opened.id
+
+    text = client.get(f"/alarms/{number}").text
+
+    assert text.count('class="living-pump"') == 1
+    assert "1500 rpm" in text
+    for file in ("living_pump.js", "living_pump.css"):
+        assert f'"/static/{file}?' in text
+        assert client.get(f"/static/{file}").status_code == 200
+    assert "living-pump" not in client.get("/alarms/1").text
+
+
 def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(
     client: TestClient, plant
 ) -> None:

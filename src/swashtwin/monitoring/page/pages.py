@@ -24,6 +24,7 @@ from swashtwin.monitoring.page.charts import (
 from swashtwin.monitoring.page.formatting import NO_VALUE, format_time, indicator_name, number
 from swashtwin.monitoring.page.site import MAX_ID, Site
 from swashtwin.monitoring.page.states import STATES, VERDICT_NAMES, group_indicators, state_of
+from swashtwin.report import LivingPump, build_living_pumps
 
 CARDS_PER_PAGE = 60
 """Machines on one page."""
@@ -269,7 +270,27 @@ class Pages:
 
     def alarm(self, request: Request, identity: int) -> HTMLResponse:
         """Show one alarm."""
-        return self._site.render(request, "alarm.html.jinja", alarm=self._site.alarm(identity))
+        alarm = self._site.alarm(identity)
+        return self._site.render(
+            request, "alarm.html.jinja", alarm=alarm, pumps=self._living_pumps(alarm)
+        )
+
+    def _living_pumps(self, alarm: Alarm) -> Sequence[LivingPump]:
+        """Return the machine's pump with a typical fault of the suspect, if there is one."""
+        suspect = alarm.evidence.get("suspect")
+        if not suspect or suspect["certainty"] not in ("sure", "unsure"):
+            return ()
+        machine = self._site.config.machine(alarm.machine)
+        judgment = None
+        if alarm.recording is not None:
+            judgment = self._reader.recording(alarm.recording)
+        return build_living_pumps(
+            suspect["label"],
+            pump=None if machine is None else machine.pump,
+            pistons=None if machine is None else machine.pistons,
+            speed=None if judgment is None else judgment.speed,
+            pressure=None if judgment is None else judgment.pressure,
+        )
 
     def log(self, request: Request) -> HTMLResponse:
         """Show the status of the watch, recordings that were not judged, and events."""

@@ -75,7 +75,12 @@ def build_watch_page(
         change_routes(site, is_page=False),
     ):
         application.include_router(routes)
-    application.mount("/static", StaticFiles(packages=[(__package__, "static")]))
+    # The turning pump of an alarm is that of the reports.
+    packages: list[str | tuple[str, str]] = [
+        (__package__, "static"),
+        ("swashtwin.report", "static"),
+    ]
+    application.mount("/static", StaticFiles(packages=packages))
     _handle_errors(application, site)
     return application
 

@@ -53,6 +53,8 @@ const RIGHT = 10;
 const TOP = 20;
 const BOTTOM = 20;
 const DOT = 4;
+/** Size below which a page has not laid out its figures yet. */
+const MIN_SIZE = 80;
 
 /** @param {Packed} packed */
 function unpack({ rows, factor, integers }) {
@@ -102,7 +104,7 @@ class Sheet {
     this.ratio = 1;
   }
 
-  /** Take over the size of the element; return whether it is seen at all. */
+  /** Take over the size of the element; return whether it is large enough to draw in. */
   fit() {
     const { clientWidth, clientHeight } = this.canvas;
     this.ratio = devicePixelRatio || 1;
@@ -110,7 +112,7 @@ class Sheet {
     this.height = clientHeight;
     this.canvas.width = Math.round(clientWidth * this.ratio);
     this.canvas.height = Math.round(clientHeight * this.ratio);
-    return clientWidth > 0;
+    return clientWidth > MIN_SIZE && clientHeight > MIN_SIZE;
   }
 
   clear() {

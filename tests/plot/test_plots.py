@@ -57,7 +57,9 @@ def test_arrays_are_drawn_at_their_sample_rate() -> None:
     [
         ([], "no recording to draw"),
         (np.ones((1, 100)), "give sample_rate in Hz"),
+        (np.ones((100, 2)), r"array \(channel, time\)"),
         (["a.csv"], "Source 1 is a str"),
+        (None, "Source 1 is a NoneType"),
         ([tone(7), tone(7).replace(unit="g")], "differ in unit"),
         ([tone(7), tone(7).replace(channels=("x",))], "no channel in common"),
     ],

@@ -115,8 +115,9 @@ class Diagnosis:
         if self.label is not None and not self.unknown:
             for name, probability in sorted(self.probabilities.items(), key=lambda item: -item[1]):
                 rows.append((name, f"{100 * probability:.1f} %"))
-        # without an error rate the sentence lists the same probabilities
-        sentence = "" if rows and self.error_rate is None else self.sentence()
+        # without an error rate, the sentence on a single class only lists the same probabilities
+        is_repeated = bool(rows) and self.error_rate is None and len(self.candidates) < 2
+        sentence = "" if is_repeated else self.sentence()
         title = f"{self.recording_id}: {self.verdict}"
         notes = (sentence, *self.notes[:_MAX_SHOWN_NOTES])
         return html_table(title, ("class", "probability"), rows, *notes)

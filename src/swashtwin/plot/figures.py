@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import get_args
 
 import numpy as np
 from jaxtyping import Num
@@ -212,14 +213,16 @@ def _spectra_of(
     sample_rate: float | None,
 ) -> list[LineSpectrum]:
     """Return the spectra of all sources, which must be over one axis and in one unit."""
-    if isinstance(source, Recording | LineSpectrum | np.ndarray):
-        source = [source]
-    sources = list(source)
+    sources = source if isinstance(source, Sequence) else [source]
     if not sources:
         raise InputError("There is no recording to draw; give at least one.")
 
     named = [_as_recording(entry, number, sample_rate) for number, entry in enumerate(sources, 1)]
     recordings = [entry for entry in named if isinstance(entry, Recording)]
+    if kind not in (None, *get_args(LineSpectrumKind)):
+        raise InputError(
+            f"Invalid kind {kind!r}: must be one of {', '.join(get_args(LineSpectrumKind))}."
+        )
     if kind is None:
         speeds = [specified_speed(recording) for recording in recordings]
         kind = "amplitude" if np.isnan(speeds).any() else "order"
@@ -247,10 +250,11 @@ def _as_recording(
     if isinstance(source, Recording | LineSpectrum):
         return source
     signal = np.atleast_2d(np.asarray(source))
-    if signal.dtype.kind not in "fiu" or signal.ndim != 2 or signal.shape[1] < 2:
+    # an array (time, channel) has more rows than columns
+    if signal.dtype.kind not in "fiu" or signal.ndim != 2 or signal.shape[0] >= signal.shape[1]:
         raise InputError(
-            f"Source {number} is a {type(source).__name__}; a spectrum is of a recording, a "
-            "spectrum_of it, or an array (channel, time)."
+            f"Source {number} is a {type(source).__name__} of the shape {signal.shape}; a spectrum "
+            "is of a recording, a spectrum_of it, or an array (channel, time)."
         )
     if sample_rate is None:
         raise InputError("An array has no sample rate; give sample_rate in Hz.")

@@ -367,7 +367,7 @@ def test_an_answer_of_a_prior_below_80_percent_is_not_certain(
         (
             ("piston", "cylinder_block"),
             ("cover_z", "body_y"),
-            "repeated recording does (77 %): check both parts.",
+            "than a repeated recording (77 %): check both parts.",
         ),
         (("cylinder_block", "piston"), ("body_x",), "a sensor at body_y separates them in 72 %."),
         (("piston", "valve_plate"), ("cover_z",), "at the same operating point gives 97 %."),

@@ -86,8 +86,8 @@ def describe_separation(candidates: Sequence[str], channels: Sequence[str]) -> s
     if repeated >= MIN_SEPARATED:
         return f"{text}; a second one at the same operating point gives {_percent(repeated)}."
     return (
-        f"{text}. No further sensor, pressure or speed of that study separates them better than a "
-        f"repeated recording does ({_percent(repeated)}): check both parts."
+        f"{text}. No further sensor and no other pressure or speed does better than a repeated "
+        f"recording ({_percent(repeated)}): check both parts."
     )
 
 

@@ -46,7 +46,7 @@ class HealthySpectrum:
         return np.where(above > 0, above, np.minimum(below, 0.0))
 
     def sentence(self) -> str:
-        """Describe how many bands lie outside the healthy range, and the furthest one."""
+        """Describe how many bands lie outside the healthy range, and the largest excess."""
         excess = self.excess
         share = 100 * float(np.mean(excess != 0))
         if share == 0:
@@ -56,7 +56,7 @@ class HealthySpectrum:
         value = float(excess[channel, band])
         side = "above" if value > 0 else "below"
         return (
-            f"{share:.0f} % of the bands lie outside the range of {self.basis}. Furthest: "
+            f"{share:.0f} % of the bands lie outside the range of {self.basis}. Largest excess: "
             f"{abs(value):.1f} dB {side} the range, {self.low[band]:.0f} to {self.high[band]:.0f} "
             f"Hz, channel {self.channels[channel]}."
         )

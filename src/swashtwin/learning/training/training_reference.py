@@ -167,7 +167,7 @@ def deviating_statistics(
 
 
 def _typical_deviation(values: np.ndarray, machines: Sequence[str], spread: np.ndarray) -> float:
-    """Return the deviation that all but `ERROR_RATE` of the training recordings stay below."""
+    """Return the deviation that a share 1 - `ERROR_RATE` of the training recordings stay below."""
     group = np.unique(machines, return_inverse=True)[1]
     if group.max() == 0:  # a single machine: compare each recording with the others
         group = np.arange(len(values))

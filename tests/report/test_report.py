@@ -72,6 +72,14 @@ def page(folder) -> str:
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the figures of calibrations, which take most of the time of a page."""
+    monkeypatch.setattr(
+        "swashtwin.report.calibration_part.calibration_drawings", lambda *_arguments: []
+    )
+
+
 def plain(page: str) -> str:
     """Return the page without the buttons that explain terms."""
     return re.sub(r'<button class="term"[^>]*>(.*?)</button>', r"\1", page)
@@ -186,6 +194,7 @@ def test_the_summary_of_a_calibration_names_each_operating_point_and_what_became
     assert "neither number is a test" in summary
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_calibration_that_identified_nothing_is_not_praised(calibration):
     (fit,) = calibration.fits
     nominal = replace(calibration.nominal_agreement, spectrum_value_error=1.42)
@@ -234,6 +243,7 @@ def test_each_combination_of_values_has_the_sign_of_its_greatest_weight(calibrat
         assert max(map(float, weights), key=abs) > 0
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_page_of_a_calibration_states_which_recordings_it_used(calibration):
     samples = np.random.default_rng(0).normal(size=(1, 64))
     recording = Recording(samples, 10.0, "a", attributes={"file": "a.h5"})

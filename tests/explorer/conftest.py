@@ -1,5 +1,6 @@
 """A folder of recordings that an explorer shows."""
 
+import re
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,10 +19,12 @@ if TYPE_CHECKING:
 def pair_folder(plant: "Plant", tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Recordings of two pumps, healthy and with a swash plate defect, and an unreadable file."""
     folder = tmp_path_factory.mktemp("explored")
-    shutil.copytree(plant.folder / "recordings", folder / "recordings")
+    (folder / "recordings").mkdir()
     (folder / "recordings" / "broken.h5").write_bytes(b"nothing")
 
     index = plant.pair.read_text(encoding="utf-8")
+    for name in re.findall(r'^file = "(.+)"$', index, flags=re.MULTILINE):
+        shutil.copy(plant.folder / name, folder / name)
     index += '\n[[recording]]\nfile = "recordings/broken.h5"\nlabel = "normal"\n'
     (folder / "recordings.toml").write_text(index, encoding="utf-8")
     return folder
@@ -43,3 +46,15 @@ def workspace(folder: Path) -> Workspace:
 def client(workspace: Workspace) -> TestClient:
     """A browser without scripts."""
     return open_explorer(workspace)
+
+
+@pytest.fixture(scope="session")
+def shown(pair_folder: Path) -> Workspace:
+    """The explorer's view of the folder for the tests that change nothing."""
+    return read_workspace(pair_folder)
+
+
+@pytest.fixture
+def reader(shown: Workspace) -> TestClient:
+    """A browser without scripts that changes nothing."""
+    return open_explorer(shown)

@@ -28,8 +28,8 @@ def change(
     return {"entry": entry, "fact": fact, "previous": previous, "value": value}
 
 
-def test_the_table_shows_the_facts_and_the_waveform_of_a_recording(client: TestClient) -> None:
-    table = client.get("/api/rows").json()
+def test_the_table_shows_the_facts_and_the_waveform_of_a_recording(reader: TestClient) -> None:
+    table = reader.get("/api/rows").json()
     rows = {row["name"]: row for row in table["rows"]}
 
     assert table["waiting"] == 0
@@ -39,29 +39,29 @@ def test_the_table_shows_the_facts_and_the_waveform_of_a_recording(client: TestC
     assert len(rows[HEALTHY]["rms"]) == 40
 
 
-def test_the_table_shows_why_a_file_is_unreadable(client: TestClient) -> None:
-    rows = {row["name"]: row for row in client.get("/api/rows").json()["rows"]}
+def test_the_table_shows_why_a_file_is_unreadable(reader: TestClient) -> None:
+    rows = {row["name"]: row for row in reader.get("/api/rows").json()["rows"]}
 
     broken = rows["recordings/broken.h5"]
     assert broken["state"] == "broken"
     assert "broken.h5" in broken["findings"][0]["message"]
 
 
-def test_rows_that_have_not_changed_are_not_sent_again(client: TestClient) -> None:
-    revision = client.get("/api/rows").json()["revision"]
-    assert client.get(f"/api/rows?since={revision}").json()["rows"] == []
+def test_rows_that_have_not_changed_are_not_sent_again(reader: TestClient) -> None:
+    revision = reader.get("/api/rows").json()["revision"]
+    assert reader.get(f"/api/rows?since={revision}").json()["rows"] == []
 
 
 # extremes of 64 samples are kept; smaller bins are read from the file, larger ones merged
 @pytest.mark.parametrize("width", [1, 4, 64, 1024])
 def test_the_waveform_spans_the_extremes_of_the_samples(
-    client: TestClient, workspace: Workspace, width: int
+    reader: TestClient, shown: Workspace, width: int
 ) -> None:
-    signal = workspace.recording(HEALTHY).signal
+    signal = shown.recording(HEALTHY).signal
     # nine points of `width` samples each, from the fourth on
     request = {"name": HEALTHY, "width": width, "start": 3, "count": 9}
 
-    content = client.get("/api/samples", params=request).content
+    content = reader.get("/api/samples", params=request).content
 
     extremes = np.frombuffer(content, "<f4").reshape(len(signal), 9, 2)
     samples = signal[:, 3 * width : 12 * width].reshape(len(signal), 9, width)
@@ -75,9 +75,9 @@ SPECTRUM = {"name": WORN, "pistons": 7, "healthy": True, "bodies": 9, "ratio": 0
 
 @pytest.mark.parametrize("kind", ["amplitude", "order"])
 def test_the_mark_of_the_pistons_stands_at_a_line_of_the_spectrum(
-    client: TestClient, kind: str
+    reader: TestClient, kind: str
 ) -> None:
-    spectrum = client.get("/api/spectrum", params={**SPECTRUM, "kind": kind}).json()
+    spectrum = reader.get("/api/spectrum", params={**SPECTRUM, "kind": kind}).json()
 
     amplitude = decode_numbers(spectrum["amplitude"]).reshape(len(spectrum["channels"]), -1)
     position = next(position for position, name, *_ in spectrum["marks"] if name == "7×")
@@ -87,13 +87,11 @@ def test_the_mark_of_the_pistons_stands_at_a_line_of_the_spectrum(
     assert (piston_line > 5 * np.median(amplitude, axis=1)).any()
 
 
-def test_only_a_specified_number_of_pistons_is_marked(
-    client: TestClient, workspace: Workspace
-) -> None:
-    marks = client.get("/api/spectrum", params={"name": WORN}).json()["marks"]
+def test_only_a_specified_number_of_pistons_is_marked(reader: TestClient, shown: Workspace) -> None:
+    marks = reader.get("/api/spectrum", params={"name": WORN}).json()["marks"]
     assert not any(of_pistons for _, _, of_pistons in marks)
 
-    row = workspace.rows[WORN]
+    row = shown.rows[WORN]
     assert row.recording is not None
     assert row.to_dict()["pistons"] is None
     nine_pistons = row.recording.replace(attributes={"pistons": "9"})
@@ -102,9 +100,9 @@ def test_only_a_specified_number_of_pistons_is_marked(
 
 @pytest.mark.parametrize("kind", ["amplitude", "order"])
 def test_a_spectrum_has_the_lines_of_a_bearing_and_the_healthy_range(
-    client: TestClient, kind: str
+    reader: TestClient, kind: str
 ) -> None:
-    spectrum = client.get("/api/spectrum", params={**SPECTRUM, "kind": kind}).json()
+    spectrum = reader.get("/api/spectrum", params={**SPECTRUM, "kind": kind}).json()
 
     names = {name for _, name, *_ in spectrum["marks"]}
     assert {"BPFI", "2 FTF", "1×"} <= names
@@ -116,21 +114,21 @@ def test_a_spectrum_has_the_lines_of_a_bearing_and_the_healthy_range(
 
 @pytest.mark.parametrize("orders", [False, True], ids=["frequencies", "orders"])
 def test_a_waterfall_has_one_shade_for_each_frame_and_band(
-    client: TestClient, orders: bool
+    reader: TestClient, orders: bool
 ) -> None:
-    waterfall = client.get("/api/waterfall", params={"name": WORN, "orders": orders}).json()
+    waterfall = reader.get("/api/waterfall", params={"name": WORN, "orders": orders}).json()
 
     # one byte each
     shades = base64.b64decode(waterfall["shades"])
     assert len(shades) == waterfall["frames"] * waterfall["bands"]
 
 
-def test_the_level_over_time_has_120_points(client: TestClient) -> None:
-    assert client.get("/api/rms", params={"name": WORN}).json()["lines"] == 120
+def test_the_level_over_time_has_120_points(reader: TestClient) -> None:
+    assert reader.get("/api/rms", params={"name": WORN}).json()["lines"] == 120
 
 
-def test_the_speed_is_estimated_from_the_lines(client: TestClient) -> None:
-    answer = client.get("/api/speed", params={"name": HEALTHY, "pistons": 7}).json()
+def test_the_speed_is_estimated_from_the_lines(reader: TestClient) -> None:
+    answer = reader.get("/api/speed", params={"name": HEALTHY, "pistons": 7}).json()
     assert answer["rpm"] == pytest.approx(860, rel=0.02)
 
 
@@ -202,9 +200,9 @@ def test_another_site_cannot_change_a_fact(
 
 
 @pytest.fixture
-def stranger(workspace: Workspace) -> TestClient:
+def stranger(shown: Workspace) -> TestClient:
     """A browser of another user of the computer, who does not know the token."""
-    explorer = build_explorer(workspace, address_token=ADDRESS_TOKEN)
+    explorer = build_explorer(shown, address_token=ADDRESS_TOKEN)
     return TestClient(explorer, base_url="http://127.0.0.1:8643")
 
 
@@ -268,26 +266,26 @@ def test_a_program_sends_the_token_with_its_request(stranger: TestClient) -> Non
     ],
 )
 def test_only_a_readable_recording_of_the_index_is_sent(
-    client: TestClient, name: str, room: str
+    reader: TestClient, name: str, room: str
 ) -> None:
-    answer = client.get(f"/api/{room}", params={"name": name, "start": 0, "count": 10})
+    answer = reader.get(f"/api/{room}", params={"name": name, "start": 0, "count": 10})
 
     assert answer.status_code == 422
     # the first entry of /etc/passwd
     assert "root:" not in answer.text
 
 
-def test_no_static_path_leads_out_of_its_folder(client: TestClient) -> None:
-    assert client.get("/static/%2e%2e/%2e%2e/explorer_page.py").status_code == 404
+def test_no_static_path_leads_out_of_its_folder(reader: TestClient) -> None:
+    assert reader.get("/static/%2e%2e/%2e%2e/explorer_page.py").status_code == 404
 
 
-def test_the_page_loads_nothing_from_other_hosts(client: TestClient) -> None:
-    page = client.get("/")
+def test_the_page_loads_nothing_from_other_hosts(reader: TestClient) -> None:
+    page = reader.get("/")
 
     assert "default-src 'none'" in page.headers["content-security-policy"]
     assert not re.search(r"https?://", page.text)
     for address in re.findall(r'(?:src|href)="(/static/[^"?]+)', page.text):
-        assert client.get(address).status_code == 200
+        assert reader.get(address).status_code == 200
 
 
 @pytest.mark.nightly

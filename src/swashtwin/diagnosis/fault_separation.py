@@ -35,7 +35,7 @@ class FaultSeparation:
     """With the three sensors and a second recording at another speed."""
 
     def accuracy(self, channels: Sequence[str]) -> float:
-        """Return the accuracy with the sensors of a machine."""
+        """Return the accuracy with the sensors of a machine; two count as all three."""
         if len(channels) > 1:
             return self.all_sensors
         return float(getattr(self, channels[0]))

@@ -172,7 +172,10 @@ def test_hidden_lines_and_short_recordings_refuse_no_piston_count(recording: Rec
     hidden = replace(recording, signal=noise)
     half_a_second = round(0.5 * recording.sample_rate)
     short = replace(recording, signal=recording.signal[:, :half_a_second])
-    for unclear in (hidden, short):
+    signal = recording.signal.copy()
+    signal[0, 5] = np.nan
+    not_finite = replace(recording, signal=signal)
+    for unclear in (hidden, short, not_finite):
         require_piston_count([unclear], 9, remedy="")
 
 

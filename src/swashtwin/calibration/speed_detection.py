@@ -94,7 +94,11 @@ def detect_speed(recording: Recording, shaft_frequency: float, piston_count: int
     shaft_frequency : as specified [Hz].
     piston_count : number of pistons.
     """
-    step, level = _compute_levels(recording, shaft_frequency * piston_count)
+    with np.errstate(over="ignore", invalid="ignore"):
+        step, level = _compute_levels(recording, shaft_frequency * piston_count)
+    if not np.isfinite(level).all():
+        # Samples that are not finite, or far too large, show no lines.
+        return DetectedSpeed(shaft_frequency, shaft_frequency, 0.0, 0.0)
 
     near_specified = shaft_frequency * np.linspace(1 - SPEED_TOLERANCE, 1 + SPEED_TOLERANCE, 26)
     log_reach = np.log(SEARCH_FACTOR)

@@ -3,9 +3,10 @@
     python benchmarks/explorer.py
 
 A virtual rig of 270 recordings is served. First picture: from the address to the table's rows.
-Sliders: time from a drag to its picture, 50th and 95th percentile. One line of JSON each, with the
-machine's load beside, on which all depend. Needs playwright and /usr/bin/chromium. Frames a second
-over a long recording are a nightly test.
+Sliders: time from a drag to its picture, 50th and 95th percentile. Pump: frames a second while it
+turns, and time from a shaft angle to its picture. One line of JSON each, with the machine's load
+beside, on which all depend. Needs playwright and /usr/bin/chromium. Frames a second over a long
+recording are a nightly test.
 """
 
 import json
@@ -57,6 +58,27 @@ def first_picture(page: Page) -> None:
     told(figure="first picture", seconds=round(time.perf_counter() - begun, 2))
 
 
+# A picture shows the slider as it stood when its request was sent; it is drawn in the next frame.
+WATCH_DRAGS = """() => {
+  const pump = document.querySelector(".living-pump").pump;
+  const fetchNow = fetch;
+  const show = pump.show.bind(pump);
+  const sent = [];
+  let moved = 0;
+  window.delays = [];
+  addEventListener("input", () => { moved = performance.now(); }, true);
+  window.fetch = (address, options) => {
+    if (String(address).includes("twin_lines")) sent.push(moved);
+    return fetchNow(address, options);
+  };
+  pump.show = (content) => {
+    show(content);
+    const begin = sent.shift();
+    requestAnimationFrame(() => window.delays.push(performance.now() - begin));
+  };
+}"""
+
+
 def slider(page: Page, fault: str, label: str, dimensions: dict[str, float]) -> None:
     """Times from a drag to its picture."""
     name = "B/B_swash_plate_15MPa_1.h5" if fault == "swash_plate" else "A/A_normal_15MPa_1.h5"
@@ -69,6 +91,7 @@ def slider(page: Page, fault: str, label: str, dimensions: dict[str, float]) -> 
     page.goto(f"{ADDRESS}#twin?setting={quote(json.dumps(setting))}")
     page.locator("text=Misfit by line").wait_for()
     page.wait_for_timeout(1500)
+    page.evaluate(WATCH_DRAGS)
     knob = page.get_by_label(label).first
     knob.scroll_into_view_if_needed()
     box = knob.bounding_box()
@@ -81,9 +104,36 @@ def slider(page: Page, fault: str, label: str, dimensions: dict[str, float]) -> 
         page.wait_for_timeout(50)
     page.mouse.up()
     page.wait_for_timeout(500)
-    delays = page.evaluate("document.getElementById('twin-lines').delays.splice(0)")
+    delays = page.evaluate("window.delays")
     half, most = np.quantile(delays, [0.5, 0.95]).round().tolist()
     told(figure=f"{fault or 'healthy'}, {label}", pictures=len(delays), median_ms=half, p95_ms=most)
+
+
+PUMP_TIMES = """async () => {
+  const pump = document.querySelector(".living-pump").pump;
+  const frames = pump.frames;
+  await new Promise((done) => setTimeout(done, 5000));
+  const rate = (pump.frames - frames) / 5;
+  pump.turn(false);
+  const begin = performance.now();
+  for (let degrees = 0; degrees < 360; degrees++) pump.moveTo((degrees / 360) * 2 * Math.PI);
+  return [rate, (performance.now() - begin) / 360];
+}"""
+
+
+def turning_pump(page: Page, fault: str) -> None:
+    """Frames a second while the pump turns, and the time to draw one shaft angle."""
+    setting = {"fault": fault, "recording": "A/A_normal_15MPa_1.h5"}
+    page.goto("about:blank")
+    page.goto(f"{ADDRESS}#twin?setting={quote(json.dumps(setting))}")
+    page.locator("text=Misfit by line").wait_for()
+    page.wait_for_timeout(1500)
+    rate, draw_ms = page.evaluate(PUMP_TIMES)
+    told(
+        figure=f"{fault or 'healthy'}, turning pump",
+        frames_a_second=round(rate, 1),
+        draw_ms=round(draw_ms, 2),
+    )
 
 
 def main(folder: Path) -> None:
@@ -99,6 +149,8 @@ def main(folder: Path) -> None:
         with serving_page(explorer, "127.0.0.1", PORT):
             first_picture(page)
             page.locator("text=still being read").wait_for(state="hidden")
+            for fault in ("", "loose_slipper"):
+                turning_pump(page, fault)
             for each in SLIDERS:
                 slider(page, *each)
         chromium.close()

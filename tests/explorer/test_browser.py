@@ -224,6 +224,31 @@ def test_a_slider_of_the_twin_changes_its_misfit(tab) -> None:
     playwright.expect(misfit).not_to_have_text(original_misfit)
 
 
+def test_a_moved_slider_names_the_line_that_changed_most(tab) -> None:
+    enter(tab, "#twin")
+    row = tab.locator(".slider", has=tab.get_by_label("Mounting stiffness"))
+
+    row.locator("input").focus()
+    for _ in range(40):
+        tab.keyboard.press("ArrowRight")
+
+    playwright.expect(row.locator(".change")).to_contain_text("Changed most: ")
+    # only the slider that was moved last has a remark
+    tab.get_by_label("Bearing stiffness").press("ArrowRight")
+    playwright.expect(row.locator(".change")).to_be_empty()
+
+
+def test_a_slider_marks_its_nominal_value(tab) -> None:
+    enter(tab, "#twin")
+    row = tab.locator(".slider", has=tab.get_by_label("K_v: block"))
+    width = "node => node.getBoundingClientRect().left"
+
+    # the start is the nominal pump, so that mark and handle are in the middle
+    middle = row.evaluate("node => node.getBoundingClientRect().width") / 2
+    left = row.locator(".nominal").evaluate(width) - row.evaluate(width)
+    assert left == pytest.approx(middle, abs=3)
+
+
 def test_a_calibration_is_stopped_and_finished(tab) -> None:
     enter(tab, "#twin")
 

@@ -40,6 +40,7 @@ def test_a_twin_starts_from_a_shipped_pump_or_a_calibration_in_the_folder(
 def test_a_stiffer_film_changes_the_lines_and_the_misfit(client: TestClient) -> None:
     nominal = request_lines(client)
     values = nominal["values"]
+    assert values == nominal["nominal"]
     # stiffness between block and valve plate
     values[3] *= 2
 

@@ -36,6 +36,12 @@ const SMALL_MISFIT = 2;
 const LARGE_MISFIT = 6;
 /** Difference of a line that the twin lacks [dB]. */
 const NO_LINE = -99;
+/** Height of the charts by their number, so that all are in view while a slider moves [px]. */
+const CHART_HEIGHTS = [220, 170, 145];
+/** Share of the largest line of its channel below which a change is not worth a remark. */
+const MIN_LINE = 1e-2;
+/** Half of the width of a slider's handle, which its track ends before [px]. */
+const HANDLE = 8;
 const TABLE_DELAY_MS = 100;
 const REMEMBER_DELAY_MS = 400;
 const POLL_MS = 400;
@@ -71,7 +77,12 @@ class TwinPage {
     this.fit = element("p", { class: "fit" });
     this.notes = element("div");
     this.job = element("div", { role: "status" });
+    this.warnings = element("div");
     this.cutaway = element("div");
+    /** @type {any} lines that are shown */
+    this.lines = null;
+    /** @type {{label: string, place: HTMLElement, lines: any} | null} slider that was moved last */
+    this.moved = null;
     this.pumpPlace = element("div", { class: "living-pump" });
     this.pump = new LivingPump(this.pumpPlace);
     this.misfit = element("div");
@@ -131,6 +142,7 @@ class TwinPage {
     place.append(
       element("div", { class: "row tight" }, menus),
       this.summary,
+      this.warnings,
       this.pumpPlace,
       element(
         "div",
@@ -217,7 +229,16 @@ class TwinPage {
       this.origin = [...lines.values];
     }
 
+    this.moved = null;
     this.sliders.replaceChildren(
+      element(
+        "p",
+        { class: "soft" },
+        element("span", { class: "key sign nominal" }),
+        " nominal value ",
+        element("span", { class: "key sign interval" }),
+        " 90 % interval of the calibration",
+      ),
       ...this.valueSliders(lines),
       ...this.scaleSliders(),
       ...this.conditionSliders(lines),
@@ -237,6 +258,11 @@ class TwinPage {
 
   /** @param {any} lines */
   async drawCutaway({ label, pistons, shaft }) {
+    // Without a fault it would show nothing that the turning pump does not.
+    if (label === "normal") {
+      this.cutaway.replaceChildren();
+      return;
+    }
     // The drawing is made by our own server, of a class that it knows.
     const { html } = await request("twin_cutaway", { label, pistons, shaft });
     this.cutaway.innerHTML = html;
@@ -252,7 +278,8 @@ class TwinPage {
         high: this.origin[n] * VALUE_RANGE,
         isLog: true,
         unit: PARAMETER_UNITS[n % 2],
-        interval: estimate ? intervalLabel(estimate) : null,
+        nominal: lines.nominal[n],
+        estimate,
         onValue: (value) => {
           this.setting.values ??= [...values];
           this.setting.values[n] = value;
@@ -269,6 +296,7 @@ class TwinPage {
         high: SCALE_RANGE,
         isLog: true,
         unit: "×",
+        nominal: 1,
         onValue: (value) => {
           scales[name] = value;
         },
@@ -282,6 +310,7 @@ class TwinPage {
       low: 1,
       high: Math.max(MAX_PRESSURE_MPA, mpa),
       unit: "MPa",
+      nominal: mpa,
       onValue: (value) => {
         this.setting.mpa = value;
       },
@@ -290,6 +319,7 @@ class TwinPage {
       low: rpm * (1 - SPEED_RANGE),
       high: rpm * (1 + SPEED_RANGE),
       unit: "rpm",
+      nominal: rpm,
       onValue: (value) => {
         this.setting.rpm = value;
       },
@@ -307,6 +337,7 @@ class TwinPage {
         low,
         high: isAngle ? 360 : (3 * typical) / perUnit,
         unit,
+        nominal: typical / perUnit,
         onValue: (value) => {
           dimensions[name] = value * perUnit;
         },
@@ -324,10 +355,11 @@ class TwinPage {
    * @param {number} options.high
    * @param {string} options.unit
    * @param {boolean} [options.isLog] whether equal steps are equal factors
-   * @param {HTMLElement | null} [options.interval]
+   * @param {number} options.nominal value that is marked on the track
+   * @param {any} [options.estimate] of a calibration, whose interval is marked
    * @param {(value: number) => void} options.onValue
    */
-  slider(label, value, { low, high, unit, isLog = false, interval = null, onValue }) {
+  slider(label, value, { low, high, unit, nominal, isLog = false, estimate = null, onValue }) {
     const toPosition = (/** @type {number} */ number) => (isLog ? Math.log10(number) : number);
     const toValue = (/** @type {number} */ position) => (isLog ? 10 ** position : position);
     const min = toPosition(low);
@@ -349,12 +381,21 @@ class TwinPage {
     range.addEventListener("input", () => {
       const moved = toValue(Number(range.value));
       showValue(moved);
+      if (this.moved?.label !== label) {
+        this.moved?.place.replaceChildren();
+        this.moved = { label, place: change, lines: this.lines };
+      }
       onValue(moved);
       this.draw();
     });
     showValue(value);
+    const share = (/** @type {number} */ number) =>
+      Math.min(Math.max((toPosition(number) - min) / (max - min), 0), 1);
+    const change = element("span", { class: "change" });
     const title = element("span", {}, label);
-    return element("div", { class: "slider" }, title, output, range, interval);
+    const track = sliderTrack(share, nominal, estimate);
+    const interval = estimate ? intervalLabel(estimate) : null;
+    return element("div", { class: "slider" }, title, output, range, track, interval, change);
   }
 
   /** Draw the lines of the setting; one request at a time, and another if it changed meanwhile. */
@@ -380,7 +421,10 @@ class TwinPage {
    */
   showLines(lines) {
     const { measured } = lines;
+    this.lines = lines;
     this.pump.show(lines.turn);
+    this.showWarnings(lines);
+    if (this.moved) this.moved.place.textContent = largestChange(lines, this.moved.lines);
     const channels = measured?.channels ?? lines.channels;
     if (this.charts.length !== channels.length) this.makeCharts(channels);
 
@@ -399,6 +443,25 @@ class TwinPage {
     this.tableTimer = setTimeout(() => this.showMisfit(lines), TABLE_DELAY_MS);
   }
 
+  /**
+   * State what a reader must know before the figures.
+   *
+   * @param {any} lines
+   */
+  showWarnings({ reason, estimates }) {
+    const warnings = reason ? [reason] : [];
+    const isOpen = (/** @type {any} */ estimate) => estimate.verdict === "not identified";
+    const letters = this.known.letters.filter((/** @type {string} */ _, /** @type {number} */ n) =>
+      estimates[n] ? isOpen(estimates[n]) : false,
+    );
+    if (letters.length) {
+      const names = letters.join(", ");
+      warnings.push(`The recordings do not determine ${names}: other values fit as well.`);
+    }
+    const notices = warnings.map((text) => element("p", { class: "notice" }, text));
+    this.warnings.replaceChildren(...notices);
+  }
+
   /** @param {string[]} channels */
   makeCharts(channels) {
     this.charts = channels.map(
@@ -409,11 +472,19 @@ class TwinPage {
           y: "m/s^2",
           unit: "m/s^2",
           log: true,
-          height: 200,
+          height: CHART_HEIGHTS[Math.min(channels.length, CHART_HEIGHTS.length) - 1],
           limits: [0, 10],
         }),
     );
-    this.figures.replaceChildren(this.fit, ...this.charts.map((chart) => chart.element));
+    const legend = element(
+      "p",
+      { class: "fit" },
+      element("span", { class: "key sign measured" }),
+      " measured ",
+      element("span", { class: "key sign simulated" }),
+      " twin",
+    );
+    this.figures.replaceChildren(legend, this.fit, ...this.charts.map((chart) => chart.element));
   }
 
   /**
@@ -443,7 +514,6 @@ class TwinPage {
   /** @param {any} lines */
   showMisfit({ measured, reason }) {
     const parts = [];
-    if (reason) parts.push(element("p", { class: "notice" }, reason));
     if (measured) parts.push(misfitSection(measured));
     if (!reason && !measured) {
       const hint = "Select a recording to compare the twin's lines with.";
@@ -567,6 +637,57 @@ function makeForm(title, fields, button, work) {
   };
   const form = element("form", { class: "stack", onsubmit }, labels, element("button", {}, button));
   return element("details", { class: "card" }, element("summary", {}, title), form);
+}
+
+/**
+ * Return marks below a slider: the interval of its value, and the nominal one.
+ *
+ * @param {(value: number) => number} share of the slider's way
+ * @param {number} nominal
+ * @param {any} estimate
+ */
+function sliderTrack(share, nominal, estimate) {
+  const at = (/** @type {number} */ part) =>
+    `calc(${HANDLE}px + (100% - ${2 * HANDLE}px) * ${part})`;
+  const mark = element("span", { class: "nominal" });
+  mark.style.left = at(share(nominal));
+  const track = element("span", { class: "track", "aria-hidden": "true" }, mark);
+  if (estimate) {
+    const [low, high] = estimate.interval;
+    const [isOpenBelow, isOpenAbove] = estimate.open;
+    const start = isOpenBelow ? 0 : share(low);
+    const end = isOpenAbove ? 1 : share(high);
+    const bar = element("span", { class: "interval" });
+    bar.style.left = at(start);
+    bar.style.width = `calc((100% - ${2 * HANDLE}px) * ${end - start})`;
+    track.prepend(bar);
+  }
+  return track;
+}
+
+/**
+ * Return the line whose level changed most since a slider began to move.
+ *
+ * @param {any} lines
+ * @param {any} previous
+ */
+function largestChange(lines, previous) {
+  let text = "No line changed.";
+  let largest = 0.05;
+  lines.channels.forEach((/** @type {string} */ channel, /** @type {number} */ row) => {
+    const strongest = Math.max(...lines.amplitude[row], ...previous.amplitude[row]);
+    lines.orders.forEach((/** @type {number} */ order, /** @type {number} */ n) => {
+      const now = lines.amplitude[row][n];
+      const before = previous.amplitude[row][previous.orders.indexOf(order)] ?? 0;
+      if (Math.max(now, before) < MIN_LINE * strongest || !now || !before) return;
+      const change = 20 * Math.log10(now / before);
+      if (Math.abs(change) <= largest) return;
+      largest = Math.abs(change);
+      const sign = change > 0 ? "+" : "−";
+      text = `Changed most: ${channel}, ${order}× by ${sign}${largest.toFixed(1)} dB`;
+    });
+  });
+  return text;
 }
 
 /**

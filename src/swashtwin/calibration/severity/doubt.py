@@ -104,7 +104,7 @@ def explain_doubt(
     if calibration.misfit > DOUBTFUL_MISFIT:
         hypotheses += try_mistakes(objective, point)
     else:
-        # a small misfit is a priori explained: a wrong support may hide in it, or what is suspected
+        # behind a small misfit, wrong supports may hide, and what the calibration suspects
         hypotheses += find_suspected_mistakes(objective, point)
 
     limit = DOUBTFUL_MISFIT

@@ -118,6 +118,7 @@ def test_a_recording_that_a_pump_prior_does_not_know_states_its_reason(
 
 
 def test_an_alarm_with_a_suspect_shows_how_such_a_fault_acts(client: TestClient, plant) -> None:
+    pytest.importorskip("torch", reason="the twin needs torch")
     alarm = plant.history.reader.alarm(1)
     suspect = {"certainty": "sure", "label": "piston", "sentence": "Suspect: piston."}
     with plant.history.machine("pump-1") as machine:

@@ -19,7 +19,7 @@ CONTRACTS = ROOT / ".importlinter"
 MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py"))
 ROOMS = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.pyi"))
 
-HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
+HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "arro3", "pint", "joblib")
 """Libraries that take a noticeable time to import."""
 
 

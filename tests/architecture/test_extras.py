@@ -135,4 +135,4 @@ def test_the_extra_that_an_error_names_installs_the_missing_package() -> None:
 
 def canonical(name: str) -> str:
     """Return the name of a distribution as an index compares it."""
-    return name.lower().replace("_", "-")
+    return re.sub(r"[-_.]+", "-", name).lower()

@@ -18,7 +18,7 @@ from swashtwin.cli import app, application, console
 
 PACKAGE = Path(swashtwin.__file__).parent
 
-HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
+HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "arro3", "pint", "joblib")
 """Libraries that take a noticeable time to import."""
 
 

@@ -263,7 +263,7 @@ def test_a_diagnosis_imports_no_library_that_it_does_not_need(tmp_path):
         "import sys; from swashtwin.cli import main; sys.argv[1:] = ['diagnose', *sys.argv[1:]]\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "heavy = {'sklearn', 'scipy.signal', 'matplotlib', 'onnx', 'pandas', 'polars',\n"
+        "heavy = {'sklearn', 'scipy.signal', 'matplotlib', 'onnx', 'pandas', 'arro3',\n"
         "         'numba', 'sympy', 'torch'}\n"
         "print('imported:', sorted(heavy & set(sys.modules)))"
     )

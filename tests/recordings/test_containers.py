@@ -9,7 +9,8 @@ import pytest
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording, load_recording, write_recording
-from swashtwin.recordings.formats import isolation
+from swashtwin.recordings.formats import isolation, parquet
+from swashtwin.recordings.formats.raw_file import ReadOptions
 
 G = 9.80665
 N_SAMPLES = 400
@@ -42,6 +43,21 @@ def test_a_parquet_table_has_its_units_and_rate_and_nan_for_missing_samples(
     assert (loaded.unit, loaded.sample_rate) == ("m/s^2", 4000.0)
     assert np.isnan(loaded.signal[0, 0])
     np.testing.assert_allclose(loaded.signal[0, 1:], SIGNAL[0, 1:] * G)
+
+
+def test_slices_of_a_large_parquet_table_are_read_in_any_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parquet, "_MAX_CACHED_BYTES", 0)
+    monkeypatch.setattr(parquet, "BLOCK_SAMPLES", 1)
+    monkeypatch.setattr(parquet, "_BATCH_ROWS", 64)
+    path = write_parquet(tmp_path / "a.parquet", x=SIGNAL[0], y=SIGNAL[1])
+
+    columns = parquet.read(path, ReadOptions(sample_rate="1 kHz")).columns
+
+    for first, end in [(100, 130), (120, 330), (5, 7), (0, N_SAMPLES), (399, 400)]:
+        np.testing.assert_array_equal(columns["y"][first:end], SIGNAL[1, first:end])
+        np.testing.assert_array_equal(columns["x"][first:end], SIGNAL[0, first:end])
 
 
 @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
@@ -169,7 +185,7 @@ def test_reading_a_file_runs_no_module_of_the_current_folder(
 ) -> None:
     path = write_parquet(tmp_path / "a.parquet", x=SIGNAL[0])
     trace = tmp_path / "was_here"
-    for name in ("polars", "json"):
+    for name in ("nanoarrow", "json"):
         module = tmp_path / f"{name}.py"
         module.write_text(f"open({str(trace)!r}, 'w')\n", encoding="utf-8")
 

@@ -265,6 +265,17 @@ def test_a_blank_field_is_a_missing_sample(tmp_path: Path) -> None:
     assert np.isnan(loaded.signal).tolist() == [[False, True, False], [False, False, True]]
 
 
+@pytest.mark.parametrize("text", ["", "N/A", '"--"'])
+def test_a_table_of_one_column_may_lack_samples(text: str, tmp_path: Path) -> None:
+    numbers = [str(number / 8) for number in range(40)]
+    numbers[20] = text
+    (tmp_path / "a.csv").write_text("\n".join(["x [g]", *numbers, ""]))
+
+    raw = csv.read(tmp_path / "a.csv", ReadOptions())
+
+    assert np.flatnonzero(np.isnan(raw.columns["x"][0:40])).tolist() == [20]
+
+
 def test_blank_rows_are_missing_samples_unless_they_end_the_table(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("x;y\n1;2\n;\n3;\n;\n;\n\n")
 
@@ -349,6 +360,14 @@ LATER_ROWS = "1.5,2\n" * 60
             "t;x\n" + stamped_rows("%H:%M:%S.%ms;%n\n") + "later;7\n",
             "line 62: 'later' in column 't' is not a time stamp",
             id="word among time stamps",
+        ),
+        pytest.param(
+            "t;x\n" + stamped_rows("%H:%M:%S.%ms;%n\n") + "12:00:01.000 late;7\n",
+            "line 62: '12:00:01.000 late' in column 't' is not a time stamp",
+            id="text behind a time stamp",
+        ),
+        pytest.param(
+            "x,y\n" + LATER_ROWS + '"1.5"\n', "line 62 has 1 columns, not 2", id="short quoted row"
         ),
         pytest.param(
             "x;y\n" + "1,25;2\n" * 60 + "1.25;2\n",

@@ -2,9 +2,9 @@
 
 import codecs
 import gzip
-import io
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,11 +35,13 @@ from swashtwin.recordings.formats.headings import (
     read_sensitivities,
 )
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
+from swashtwin.recordings.formats.text_rows import MISSING_TEXTS, RowError, RowParser, decode
 from swashtwin.recordings.formats.time_column import NO_UNIT
 from swashtwin.recordings.formats.time_stamps import is_stamp, stamp_seconds
 from swashtwin.recordings.recording import Recording
 
-polars: Any = load_extra("polars", "readers", "a text table")
+arro3_core: Any = load_extra("arro3.core", "readers", "a text table")
+arro3_io: Any = load_extra("arro3.io", "readers", "a text table")
 
 # Longest line, and bytes at the beginning in which the head lies.
 _MAX_HEAD_BYTES = 1 << 24
@@ -59,8 +61,6 @@ _UNLIMITED_TEXT_BYTES = 1 << 28
 # Memory per byte of text: the lines, their fields, and the numbers.
 _BYTES_IN_MEMORY = 3
 
-_FORTRAN_EXPONENT = re.compile(rb"(?<=\d|\.)[dD](?=[+-]?\d)")
-
 
 def read(path: Path, options: ReadOptions) -> RawFile:
     """Return columns, rate and units of a text table, which is read whole.
@@ -77,7 +77,7 @@ def read(path: Path, options: ReadOptions) -> RawFile:
             f"{path} has a line of more than {_MAX_HEAD_BYTES >> 20} MB; it is not a table."
         )
 
-    return _Table(path, text, [_decode(line) for line in head], options).raw_file(options)
+    return _Table(path, text, [decode(line) for line in head], options).raw_file(options)
 
 
 class _Table:
@@ -207,86 +207,54 @@ class _Table:
         self,
     ) -> tuple[dict[str, np.ndarray], list[str], dict[str, str | None]]:
         """Return numbers and seconds by name, names of blank columns, and starts of time stamps."""
-        frame = self._parse_frame(self._body)
+        table = self._parse_rows(self._body)
         columns: dict[str, np.ndarray] = {}
         blank_names: list[str] = []
         starts: dict[str, str | None] = {}
-        for column, (name, kind) in enumerate(zip(self._names, self._dialect.kinds, strict=True)):
-            series = frame[str(column)]
+        for column, (name, kind) in enumerate(zip(self._names, self._kinds, strict=True)):
             if kind in (Kind.text, Kind.date):
                 continue
 
-            if series.null_count() == frame.height:
+            if column not in table:
                 blank_names.append(name)
             elif kind is Kind.stamp:
-                columns[name], starts[name] = stamp_seconds(self._path, series)
-                if int(np.isnan(columns[name]).sum()) != series.null_count():
-                    raise self._damage()
-            elif series.dtype == polars.String:
-                numbers = self._parse_numbers(series)
-                if numbers is not None:
-                    columns[name] = numbers
-                elif kind is Kind.blank:
-                    self._kinds[column] = Kind.text
-                else:
+                texts = table[column]
+                columns[name], starts[name] = stamp_seconds(self._path, texts)
+                if not MISSING_TEXTS.issuperset(texts[np.isnan(columns[name])].tolist()):
                     raise self._damage()
             else:
-                columns[name] = series.to_numpy()
+                columns[name] = table[column]
         return columns, blank_names, starts
 
-    def _parse_numbers(self, texts: Any) -> np.ndarray | None:
-        """Return the numbers of a series of texts, or None if one is not a number."""
-        missing_count = texts.null_count()
-        if self._dialect.decimal == ",":
-            texts = texts.set(texts.str.contains(".", literal=True), None)
-            texts = texts.str.replace(",", ".", literal=True)
-        numbers = texts.cast(polars.Float64, strict=False)
-        if numbers.null_count() != missing_count:
-            return None
-        values: np.ndarray = numbers.to_numpy()
-        return values
+    def _parse_rows(self, body: bytes) -> dict[int, np.ndarray]:
+        """Return numbers and texts of time stamps by column; those without any value are absent.
 
-    def _parse_frame(self, body: bytes) -> Any:
-        """Return the fields of whole lines as a table of polars; a blank field is null."""
-        separator = self._dialect.separator
-        is_decimal_comma = self._dialect.decimal == ","
-        if (b"D" in body or b"d" in body) and _FORTRAN_EXPONENT.search(body):
-            body = _FORTRAN_EXPONENT.sub(b"e", body)
+        A column that is blank in the head may hold numbers, or else text: its kind is then changed.
+        """
+        parser = RowParser(self._dialect.separator, self._dialect.decimal, len(self._kinds))
+        numbers = self._columns_of(Kind.number)
+        stamps = self._columns_of(Kind.stamp)
+        blanks = self._columns_of(Kind.blank)
+        with suppress(RowError):
+            return parser.parse(body, [*numbers, *blanks], stamps)
 
-        # With a decimal comma polars takes a point for a comma, too: numbers are then read as text.
-        number_type = polars.String if is_decimal_comma and b"." in body else polars.Float64
-        schema = {
-            str(column): number_type if kind is Kind.number else polars.String
-            for column, kind in enumerate(self._kinds)
-        }
         try:
-            frame = polars.read_csv(
-                io.BytesIO(body),
-                has_header=False,
-                separator=separator,
-                decimal_comma=is_decimal_comma,
-                null_values=list(MISSING),
-                quote_char='"' if b'"' in body else None,
-                encoding="utf8-lossy",
-                schema=schema,
-            )
-        except polars.exceptions.PolarsError as cause:
+            table = parser.parse(body, numbers, stamps)
+        except RowError as cause:
             rows = self._without_repeated_headers(body)
             if rows is None:
                 raise self._damage() from cause
-            return self._parse_frame(rows)
+            return self._parse_rows(rows)
 
-        # polars fills short rows and drops empty ones in silence.
-        line_count = body.count(b"\n") + 1
-        separator_count = line_count * (len(self._kinds) - 1)
-        has_width = b'"' in body or body.count(separator.encode()) == separator_count
-        if frame.height == line_count and has_width:
-            return frame
+        for column in blanks:
+            try:
+                table |= parser.parse(body, [column])
+            except RowError:
+                self._kinds[column] = Kind.text
+        return table
 
-        rows = self._without_repeated_headers(body)
-        if rows is None:
-            raise self._damage()
-        return self._parse_frame(rows)
+    def _columns_of(self, kind: Kind) -> list[int]:
+        return [column for column, other_kind in enumerate(self._kinds) if other_kind is kind]
 
     def _without_repeated_headers(self, body: bytes) -> bytes | None:
         """Return the rows without lines that begin as one of the header does, and note the breaks.
@@ -297,14 +265,14 @@ class _Table:
         lines = body.split(b"\n")
         rows: list[bytes] = []
         for number, line in enumerate(lines):
-            text = _decode(line).strip()
+            text = decode(line).strip()
             is_break = self._breaks[-1:] == [len(rows)]
             if text:
                 is_header = split_line(text, separator)[0] in self._header_keys
             else:
                 next_lines = lines[number + 1 : number + 2]
                 is_header = is_break or all(
-                    _decode(next_line).strip().split(separator)[0] in self._header_keys
+                    decode(next_line).strip().split(separator)[0] in self._header_keys
                     for next_line in next_lines
                 )
 
@@ -321,7 +289,7 @@ class _Table:
     def _damage(self) -> DataError:
         """Return the error of the first damaged line."""
         for number, line in enumerate(self._body.split(b"\n"), self._start + 1):
-            fields = split_line(_decode(line), self._dialect.separator)
+            fields = split_line(decode(line), self._dialect.separator)
             if self._breaks and (not line.strip() or fields[0] in self._header_keys):
                 continue
 
@@ -372,7 +340,8 @@ def write(recording: Recording, path: Path) -> None:
     for name, samples in zip(recording.channels, recording.signal, strict=True):
         table[spreadsheet_text(f"{name} [{recording.unit}]")] = samples
     with path.open("wb") as file:
-        polars.DataFrame(table).write_csv(file)
+        arrays = {heading: arro3_core.Array(values) for heading, values in table.items()}
+        arro3_io.write_csv(arro3_core.Table.from_pydict(arrays), file)
 
 
 def _read_text(path: Path) -> bytes:
@@ -407,13 +376,6 @@ def _unpack(path: Path, size: int) -> bytes:
         )
     require_memory(path, _BYTES_IN_MEMORY * len(text))
     return text
-
-
-def _decode(data: bytes) -> str:
-    try:
-        return data.decode()
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
 
 
 def _trim_blanks(data: bytes, separator: bytes) -> bytes:

@@ -4,14 +4,11 @@ import re
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError, load_extra
-
-polars: Any = load_extra("polars", "readers", "a time stamp")
+from swashtwin.foundation import DataError
 
 _DATE_PATTERN = r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d{2}))"
 _CLOCK_PATTERN = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?(?:\s?[AaPp][Mm])?"
@@ -30,6 +27,13 @@ _DATE_ORDERS = ("%d-%m-%Y", "%m-%d-%Y", "%Y-%m-%d", "%d-%m-%y", "%m-%d-%y")
 
 _DAY_S = 86_400.0
 
+# Forms of texts for a missing stamp. With more the column is damaged, and parsing stops.
+_MAX_OTHER_LAYOUTS = 32
+
+_ZERO = np.uint8(ord("0"))
+_HYPHEN = np.uint8(ord("-"))
+_DATE_MARKS = np.frombuffer(b"/.", dtype=np.uint8)
+
 
 def is_stamp(text: str) -> bool:
     """Return whether `text` is a time of day, with or without a date."""
@@ -41,37 +45,42 @@ def is_date(text: str) -> bool:
     return _DATE.fullmatch(text.strip()) is not None
 
 
-def stamp_seconds(path: Path, texts: Any) -> tuple[Float[np.ndarray, " time"], str | None]:
+def stamp_seconds(path: Path, texts: np.ndarray) -> tuple[Float[np.ndarray, " time"], str | None]:
     """Return the seconds since the first time stamp, and that stamp in ISO 8601.
 
     Parameters
     ----------
-    texts : series of polars.
+    texts : array of bytes, which hold UTF-8.
 
     Returns
     -------
-    Seconds, NaN for a text that is not a time stamp; and the first stamp, None without dates.
+    Seconds, NaN for a text that is not a time stamp; and the first stamp, None without dates. If
+    many different texts are not, further ones are not parsed.
 
     Raises
     ------
     DataError
         The dates have no common order of day, month and year.
     """
-    time_of_day = _time_of_day(texts)
-    dates = texts.str.extract(f"({_DATE_PATTERN})").str.replace_all("[/.]", "-")
+    time_of_day, dates = _parse_stamps(texts)
 
     first_date = None
-    if dates.null_count() == len(dates):
+    if not dates.any():
         # A clock that falls by half a day or more has passed midnight.
         is_midnight = np.diff(time_of_day, prepend=time_of_day[:1]) < -_DAY_S / 2
         seconds = time_of_day + _DAY_S * np.cumsum(is_midnight)
     else:
-        known_dates = dates.drop_nulls()
-        moments = _parse_dates(path, known_dates.unique().to_list())
-        first_date = moments[known_dates[0]]
-        days = {date: float((moment - first_date).days) for date, moment in moments.items()}
-        day_of_stamp = dates.replace_strict(days, default=None, return_dtype=polars.Float64)
-        seconds = day_of_stamp.to_numpy() * _DAY_S + time_of_day
+        # Most stamps have the date of the one before.
+        starts = np.flatnonzero(np.append(True, dates[1:] != dates[:-1]))
+        distinct_dates, date_of_start = np.unique(dates[starts], return_inverse=True)
+        known_dates = [date.decode() for date in distinct_dates.tolist() if date]
+        moments = _parse_dates(path, known_dates)
+
+        first_date = moments[dates[dates != b""][0].decode()]
+        days = {date.encode(): (moment - first_date).days for date, moment in moments.items()}
+        distinct_days = np.array([days.get(date, np.nan) for date in distinct_dates.tolist()])
+        day_of_stamp = np.repeat(distinct_days[date_of_start], np.diff(starts, append=len(dates)))
+        seconds = day_of_stamp * _DAY_S + time_of_day
 
     finite_seconds = seconds[np.isfinite(seconds)]
     first_second = float(finite_seconds[0]) if finite_seconds.size else 0.0
@@ -82,25 +91,93 @@ def stamp_seconds(path: Path, texts: Any) -> tuple[Float[np.ndarray, " time"], s
     return np.round(seconds - first_second, 9), start
 
 
-def _time_of_day(texts: Any) -> Float[np.ndarray, " time"]:
-    """Return the seconds since midnight, in UTC if the stamps state their offset from it."""
-    fields = texts.str.extract_groups(_CLOCK_FIELDS).struct.unnest()
+def _parse_stamps(texts: np.ndarray) -> tuple[Float[np.ndarray, " time"], np.ndarray]:
+    """Return the seconds since midnight, NaN if a text is not a stamp, and the dates as bytes.
 
-    def number(name: str, default: float) -> np.ndarray:
-        column = fields[name].str.replace(",", ".").cast(polars.Float64)
-        values: np.ndarray = column.fill_null(default).to_numpy()
-        return values
+    Texts that differ in their digits alone are parsed together, each field from its place.
+    """
+    characters = np.ascontiguousarray(texts).view(np.uint8).reshape(len(texts), -1)
+    is_digit = (characters >= _ZERO) & (characters <= _ZERO + 9)
+    layouts = np.where(is_digit, _ZERO, characters).view(texts.dtype)[:, 0]
 
-    hour = number("hour", np.nan)
-    minute = number("minute", 0)
-    second = number("second", 0)
-    offset_hour = number("offset", 0)
-    offset_minute = np.copysign(number("offset_minute", 0), offset_hour)
+    time_of_day = np.full(len(texts), np.nan)
+    dates = np.zeros(len(texts), dtype="S10")
+    n_others = 0
+    rest = np.arange(len(texts))
+    while rest.size:
+        is_alike = layouts[rest] == layouts[rest[0]]
+        rows, rest = rest[is_alike], rest[~is_alike]
+        layout = layouts[rows[0]].decode(errors="replace")
+        if is_stamp(layout):
+            alike = _AlikeStamps(layout, characters[rows])
+            time_of_day[rows] = alike.time_of_day()
+            dates[rows] = alike.dates()
+        else:
+            n_others += 1
+            if n_others > _MAX_OTHER_LAYOUTS:
+                break
+    return time_of_day, dates
 
-    half = fields["half"].str.to_lowercase().to_numpy()
-    is_pm = half == "p"
-    hour = np.where((half == "a") | is_pm, hour % 12 + 12.0 * is_pm, hour)
-    return 3600.0 * (hour - offset_hour) + 60.0 * (minute - offset_minute) + second
+
+class _AlikeStamps:
+    """Time stamps that differ in their digits alone.
+
+    Parameters
+    ----------
+    layout : a stamp with a zero for each digit.
+    characters : bytes of the stamps (stamp by byte).
+    """
+
+    def __init__(self, layout: str, characters: np.ndarray) -> None:
+        self._layout = layout
+        self._characters = characters
+
+    def time_of_day(self) -> Float[np.ndarray, " time"]:
+        """Return the seconds since midnight, in UTC if the stamps state their offset from it."""
+        match = re.search(_CLOCK_FIELDS, self._layout)
+        assert match is not None  # the layout is that of a stamp
+
+        def number(name: str) -> np.ndarray | float:
+            text = match[name]
+            return self._number(*match.span(name)) if text else 0.0
+
+        hour = number("hour")
+        half = (match["half"] or "").lower()
+        if half:
+            hour = hour % 12 + 12.0 * (half == "p")
+
+        sign = -1.0 if (match["offset"] or "").startswith("-") else 1.0
+        offset_hour = sign * number("offset")
+        offset_minute = sign * number("offset_minute")
+        seconds = 3600.0 * (hour - offset_hour) + 60.0 * (number("minute") - offset_minute)
+        return np.asarray(seconds + number("second"))
+
+    def dates(self) -> np.ndarray:
+        """Return the dates with hyphens, as bytes; empty without dates."""
+        match = re.search(_DATE_PATTERN, self._layout)
+        if match is None:
+            return np.zeros(len(self._characters), dtype="S1")
+
+        date = self._columns(*match.span())
+        date = np.where(np.isin(date, _DATE_MARKS), _HYPHEN, date)
+        return date.view(f"S{date.shape[1]}")[:, 0]
+
+    def _number(self, first: int, stop: int) -> Float[np.ndarray, " time"]:
+        """Return the number without its sign that stands at some places of the layout."""
+        text = self._layout[first:stop].replace(",", ".")
+        digits = self._columns(first, stop)
+        value = np.zeros(len(digits))
+        for column, character in enumerate(text):
+            if character == "0":
+                value = 10.0 * value + (digits[:, column] - _ZERO)
+        # Both are integers that a double holds, so the quotient is the double next to the decimal.
+        return value / 10.0 ** len(text.partition(".")[2])
+
+    def _columns(self, first: int, stop: int) -> np.ndarray:
+        """Return the bytes at some places of the layout."""
+        first_byte = len(self._layout[:first].encode())
+        n_bytes = len(self._layout[first:stop].encode())
+        return self._characters[:, first_byte : first_byte + n_bytes]
 
 
 def _parse_dates(path: Path, dates: list[str]) -> dict[str, datetime]:

@@ -60,6 +60,24 @@ def test_slices_of_a_large_parquet_table_are_read_in_any_order(
         np.testing.assert_array_equal(columns["x"][first:end], SIGNAL[0, first:end])
 
 
+@pytest.mark.parametrize(
+    ("footer", "message"),
+    [
+        pytest.param(b"\xff" * 40, "its footer is damaged", id="no structure"),
+        pytest.param(b"\x1c" * 5000, "its footer is damaged", id="nested without end"),
+        pytest.param(b"\x15\x02\x26\x08\x00", "ValueError: ", id="no columns"),
+    ],
+)
+def test_a_damaged_footer_of_a_parquet_table_is_refused_with_the_reason(
+    footer: bytes, message: str, tmp_path: Path
+) -> None:
+    length = len(footer).to_bytes(4, "little")
+    (tmp_path / "a.parquet").write_bytes(b"PAR1" + bytes(9) + footer + length + b"PAR1")
+
+    with pytest.raises(DataError, match=message):
+        load_recording(tmp_path / "a.parquet", unit="1")
+
+
 @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
 def test_time_stamps_of_a_parquet_table_give_the_rate(unit: str, tmp_path: Path) -> None:
     import polars

@@ -34,8 +34,8 @@ def read(path: Path, options: ReadOptions) -> RawFile:
     A missing number is NaN. A column of time stamps counts as the time [s] since its first.
     """
     kind_of = arro3_core.DataType
-    types = {field.name: field.type for field in arro3_io.read_parquet(path).schema}
     row_count = count_rows(path)
+    types = {field.name: field.type for field in _open(path).schema}
     require_plausible_size(path, 8 * row_count * len(types), f"{row_count} rows")
 
     lists = [
@@ -82,6 +82,19 @@ def write(recording: Recording, path: Path) -> None:
     arrays = {heading: arro3_core.Array(values) for heading, values in table.items()}
     with path.open("wb") as file:
         arro3_io.write_parquet(arro3_core.Table.from_pydict(arrays), file, compression="zstd(3)")
+
+
+def _open(path: Path) -> Any:
+    """Return the reader of a table, which yields batches of rows."""
+    try:
+        return arro3_io.read_parquet(path, batch_size=_BATCH_ROWS)
+    except BaseException as cause:
+        # The library panics if a footer is damaged. A panic is no `Exception`, and would end the
+        # process that reads.
+        if type(cause).__name__ != "PanicException":
+            raise
+        reason = str(cause).partition("value: ")[2] or str(cause)
+        raise ValueError(reason) from cause
 
 
 def _is_time(kind: Any) -> bool:
@@ -153,7 +166,7 @@ class _Rows:
     def _unpack(self) -> Iterator[list[np.ndarray]]:
         """Yield the numbers of some rows after the other, by column."""
         first_ticks: dict[str, int | None] = {}
-        for batch in arro3_io.read_parquet(self._path, batch_size=_BATCH_ROWS):
+        for batch in _open(self._path):
             columns = []
             for heading, kind in self._types.items():
                 column = batch.column(heading)

@@ -121,6 +121,8 @@ def test_the_extra_that_an_error_names_installs_the_missing_package() -> None:
 
     broken = []
     for module, extra, file in promised_modules():
+        if module.startswith("swashtwin."):
+            continue  # a room that needs the extra, not a package of it
         requirements = project["optional-dependencies"][extra]
         installed = {
             canonical(re.split(r"[\[><=]", requirement)[0]) for requirement in requirements

@@ -268,9 +268,7 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     Both have other tests.
     """
     monkeypatch.setattr("swashtwin.learning.choice.candidate_trials.MAX_WINDOWS", 120)
-    monkeypatch.setattr(
-        "swashtwin.calibration.misfit_hypotheses.find_misfit_hypotheses", lambda *_: ()
-    )
+    monkeypatch.setattr("swashtwin.calibration.misfit_hypotheses.try_mistakes", lambda *_: ())
 
 
 @pytest.mark.nightly

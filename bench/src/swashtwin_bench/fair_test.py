@@ -62,6 +62,8 @@ READING = (
     "Windows over the mean healthy spectrum are classified worse than windows as measured, with",
     "measured windows alone too. The probable reason: the rig assembles a pump anew for each",
     "recording, so a reference of one recording adds the scatter of its assembly to each window.",
+    "",
+    "BiTCN has not been run.",
 )
 """What the results mean, in lines of the page; it has no figure, since the tables have them."""
 

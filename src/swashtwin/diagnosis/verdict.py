@@ -196,9 +196,10 @@ class Diagnosis:
 
         rate = f"{100 * self.error_rate:.3g} %"
         if len(self.prediction_set) == 1:
+            text = self.label.replace("_", " ")
+            name = text[:1].upper() + text[1:]
             return (
-                f"{self.label}: all other classes are excluded at an error rate of {rate} "
-                f"({self.basis})."
+                f"{name}: all other classes are excluded at an error rate of {rate} ({self.basis})."
             )
         names = ", ".join(name.replace("_", " ") for name in self.prediction_set)
         return (

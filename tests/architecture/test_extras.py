@@ -16,6 +16,9 @@ ROOT = Path(__file__).parents[2]
 EXTRAS = ("torch", "numba", "onnx", "onnxruntime", "onnxscript")
 """Packages that the base install lacks."""
 
+NAMES = {"paho": "paho-mqtt"}
+"""Packages that install a module of another name."""
+
 ROOMS = (
     "foundation",
     "pump",
@@ -127,7 +130,8 @@ def test_the_extra_that_an_error_names_installs_the_missing_package() -> None:
         installed = {
             canonical(re.split(r"[\[><=]", requirement)[0]) for requirement in requirements
         }
-        names = {canonical(name) for name in distributions.get(module, [module])}
+        # the map knows installed packages only
+        names = {canonical(name) for name in distributions.get(module, [NAMES.get(module, module)])}
         if not names & installed:
             broken.append((file, module, extra))
 

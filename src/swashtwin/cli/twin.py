@@ -110,14 +110,17 @@ def _print_plan(plan: "RecordingPlan") -> None:
         header,
         rows,
     )
+
     if plan.candidates[-1].total_interval_width >= plan.total_interval_width:
         print_text(
             "none: there, the model error of the twin exceeds what a further recording resolves, "
             "so that no interval becomes narrower."
         )
+
     n_omitted = len(plan.candidates) - len(rows)
     if n_omitted > 0:
         print_text(f"{n_omitted} further candidates, which narrow less: --json")
+
     if plan.excluded_speeds:
         speeds = ", ".join(_format_speed(speed) for speed in plan.excluded_speeds)
         print_text(
@@ -125,6 +128,7 @@ def _print_plan(plan: "RecordingPlan") -> None:
             f"({plan.candidates[0].duration:.3g} s) has too few revolutions there: record at least "
             f"{math.ceil(10 * plan.required_duration) / 10:g} s."
         )
+
     if len(plan.sequence) > 1:
         print_table(
             "Recorded one after another, the best are expected to leave",

@@ -160,6 +160,7 @@ class Recordings(Sequence[Recording]):
         for recording in self._recordings:
             speed = specified_speed(recording) * 30 / np.pi
             pressure = specified_pressure(recording) / 1e6
+
             cells = (
                 recording.recording_id,
                 recording.label,
@@ -195,6 +196,7 @@ class Recordings(Sequence[Recording]):
             condition = dict.fromkeys(CONDITION_FIELDS.values(), np.nan)
             if recording.condition is not None:
                 condition = asdict(recording.condition)
+
             facts = {
                 "recording_id": recording.recording_id,
                 "label": recording.label,
@@ -208,6 +210,7 @@ class Recordings(Sequence[Recording]):
                 "unit": recording.unit,
                 "synthetic": recording.synthetic,
             }
+            # An attribute of the same name does not replace a fact; the columns of facts are first.
             rows.append({**facts, **recording.attributes, **facts})
         return data_frame(rows)
 

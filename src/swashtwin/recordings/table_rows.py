@@ -31,16 +31,18 @@ def table_rows(frame: Any) -> list[dict[str, Any]]:
             f"frame is a {type(frame).__name__}; give a data frame of pandas or polars with one "
             "row for each file."
         )
+
     columns = {str(name): _SYNONYMS.get(str(name), str(name)) for name in frame.columns}
     _require_columns(list(columns.values()))
 
     facts = []
     for number, row in enumerate(rows):
-        known = {str(name): value for name, value in row.items() if not _is_blank(value)}
-        if "file" not in known:
+        cells = {str(name): value for name, value in row.items() if not _is_blank(value)}
+        if "file" not in cells:
             raise InputError(f"Row {number} has no file; fill the column, or drop the row.")
+
         fact: dict[str, Any] = {}
-        for name, value in known.items():
+        for name, value in cells.items():
             key = columns[name]
             if key not in _KEYS:
                 fact.setdefault("attributes", {})[key] = str(value)

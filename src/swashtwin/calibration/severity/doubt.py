@@ -157,6 +157,7 @@ def _explain(
         replace(fit, condition=condition)
         for fit, condition in zip(calibration.fits, conditions, strict=True)
     )
+
     nominal = replace(
         calibration.nominal, pump=corrected.twin.pump, topology=corrected.twin.topology
     )

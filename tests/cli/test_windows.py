@@ -1,5 +1,8 @@
 """The main commands work with only the modules, functions and file names that Windows has."""
 
+import os
+import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,18 +18,21 @@ SCRIPT = Path(__file__).parents[1] / "support" / "windows.py"
 """Runs command lines in a Python without the modules and functions of POSIX."""
 
 INDEX = (
-    "index data --label-pattern '(?P<label>[a-z]+)_' --speed '1500 rpm' --pressure '10 MPa' --force"
+    "index 'Prüfstand 1' --label-pattern '(?P<label>[a-z]+)_' --speed '1500 rpm' "
+    "--pressure '10 MPa' --force"
 )
-INSPECT = "inspect data"
+INSPECT = "inspect 'Prüfstand 1'"
+DIAGNOSE = "diagnose model.safetensors 'Prüfstand 1/normal_0.h5'"
 FURTHER_COMMANDS = (
-    "data convert data --out store.h5",
-    "data split data --out split --test-fraction 0.25",
+    "data convert 'Prüfstand 1' --out store.h5",
+    "data split 'Prüfstand 1' --out split --test-fraction 0.25",
     "train split/train.toml --network bitcn --set epochs=1 --set stride=32 --set channels=4,4 "
     "--window 256 --test-fraction 0 --out model.safetensors",
     "evaluate model.safetensors split/test.toml",
-    "diagnose model.safetensors data/normal_0.h5 --report 'report of one'",
-    "signal spectrum data/normal_0.h5 --out spectrum.svg",
+    f"{DIAGNOSE} --report 'report of one'",
+    "signal spectrum 'Prüfstand 1/normal_0.h5' --out spectrum.svg",
     "twin pump new mine",
+    "watch run 'Überwachung/watch.toml' --once",
 )
 
 
@@ -38,6 +44,25 @@ def run_on_windows(*commands: str, folder: Path) -> None:
     assert process.returncode == 0, process.stderr[-3000:]
 
 
+def run_on_western_console(command: str, folder: Path) -> str:
+    """Return what a command prints to a console of code page 1252, which has no Greek letters."""
+    process = subprocess.run(
+        [sys.executable, "-m", "swashtwin", *shlex.split(command)],
+        cwd=folder,
+        env={**os.environ, "PYTHONIOENCODING": "cp1252"},
+        capture_output=True,
+        check=False,
+    )
+    errors = process.stderr.decode("cp1252")
+    assert process.returncode == 0, errors
+    assert "Traceback" not in errors
+    return process.stdout.decode("cp1252")
+
+
+def test_help_is_shown_on_a_western_console(tmp_path: Path) -> None:
+    assert "diagnose" in run_on_western_console("--help", tmp_path)
+
+
 @pytest.mark.nightly
 def test_the_main_commands_need_nothing_that_only_posix_has(tmp_path: Path) -> None:
     condition = OperatingCondition(speed=rpm(1500), discharge_pressure=MPa(10))
@@ -46,15 +71,22 @@ def test_the_main_commands_need_nothing_that_only_posix_has(tmp_path: Path) -> N
             name = f"{label}_{number}"
             signal = random_stream(0, label, number).normal(size=(1, 4096))
             recording = Recording(signal, 6400.0, name, label=label, condition=condition)
-            write_recording(recording, tmp_path / "data" / f"{name}.h5")
+            write_recording(recording, tmp_path / "Prüfstand 1" / f"{name}.h5")
 
+    run_on_windows("watch init 'Überwachung/watch.toml'", folder=tmp_path)
+    shutil.copytree(tmp_path / "Prüfstand 1", tmp_path / "Überwachung" / "incoming" / "pump-1")
     run_on_windows(INDEX, INSPECT, *FURTHER_COMMANDS, folder=tmp_path)
 
     for name in ("store.h5", "model.safetensors", "spectrum.svg", "mine.toml"):
         assert (tmp_path / name).is_file()
     assert (tmp_path / "report of one" / "report.html").is_file()
+    # the watch judged and kept each recording
+    assert len(list((tmp_path / "Überwachung" / "watch-data" / "waveforms").rglob("*.h5"))) == 8
     # no temporary file is left
     assert not list(tmp_path.rglob(".swashtwin-*"))
+
+    assert "normal_0" in run_on_western_console(INSPECT, tmp_path)
+    assert "normal_0" in run_on_western_console(DIAGNOSE, tmp_path)
 
 
 def test_a_table_of_a_german_windows_is_indexed_and_inspected(tmp_path: Path) -> None:
@@ -63,12 +95,12 @@ def test_a_table_of_a_german_windows_is_indexed_and_inspected(tmp_path: Path) ->
     for row in range(400):
         lines.append(f"{row / 100:.2f};{row % 7}".replace(".", ","))
     content = "".join(f"{line}\r\n" for line in lines).encode("cp1252")
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "normal_0.csv").write_bytes(content)
+    (tmp_path / "Prüfstand 1").mkdir()
+    (tmp_path / "Prüfstand 1" / "normal_0.csv").write_bytes(content)
 
     run_on_windows(INDEX, INSPECT, folder=tmp_path)
 
-    assert b"\r" not in (tmp_path / "data" / "recordings.toml").read_bytes()
+    assert b"\r" not in (tmp_path / "Prüfstand 1" / "recordings.toml").read_bytes()
 
 
 @pytest.mark.parametrize(

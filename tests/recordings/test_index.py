@@ -186,6 +186,7 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
         ("format = 1\ndefaults = 'normal'\n[[recording]]\nfile = 'a.csv'", "defaults: expected a table"),
         ("format = 1\nroot = 3\n[[recording]]\nfile = 'a.csv'", "root: expected text"),
         ('format = 1\nroot = "C:\\data"', "write / between folders, or put a text with"),
+        ('format = 1\nroot = "C:\\Users\\me"', "hex value.*; write / between folders, or put a text with"),
         *(
             (f'format = 1\n[[recording]]\nfile = "a.csv"\n{fact}\n{FACTS}', message)
             for fact, message in {

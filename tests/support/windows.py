@@ -2,7 +2,8 @@
 as arguments.
 
 The package finds no module and no function that only POSIX has, and believes to run on Windows. A
-file with a name that Windows refuses, or opened without its encoding, ends the script.
+file with a name that Windows refuses, or opened without its encoding, ends the script. There are no
+symbolic links, and a file that this process has open can be neither removed nor replaced.
 """
 
 import builtins
@@ -34,8 +35,14 @@ FUNCTIONS = {
     "select": "poll epoll kqueue",
     "time": "tzset clock_gettime",
 }
+
+
+def _refuse_link(*arguments: object, **options: object) -> None:
+    raise OSError("[WinError 1314] A required privilege is not held by the client")
+
+
 REPLACED: dict[str, dict[str, object]] = {
-    "os": {"name": "nt"},
+    "os": {"name": "nt", "symlink": _refuse_link},
     "sys": {"platform": "win32"},
 }
 FORBIDDEN = re.compile(
@@ -84,6 +91,17 @@ def _check_names(event: str, arguments: tuple[Any, ...]) -> None:
         raise RuntimeError(f"Windows takes no file {path!r}")
 
 
+def _check_open_files(event: str, arguments: tuple[Any, ...]) -> None:
+    """Refuse to remove or replace a file that is open."""
+    if event not in ("os.remove", "os.rename"):
+        return
+    paths = arguments[: 2 if event == "os.rename" else 1]
+    open_files = [os.path.realpath(f"/proc/self/fd/{name}") for name in os.listdir("/proc/self/fd")]
+    for path in paths:
+        if os.path.realpath(os.fsdecode(path)) in open_files:
+            raise PermissionError(13, "[WinError 32] The file is used by another process", path)
+
+
 def main() -> None:
     """Run each argument as a command line of swashtwin, and end with the first exit code that is
     not 0.
@@ -91,6 +109,7 @@ def main() -> None:
     warnings.filterwarnings("error", category=EncodingWarning, module="swashtwin")
     _hide()
     sys.addaudithook(_check_names)
+    sys.addaudithook(_check_open_files)
     from typer.testing import CliRunner
 
     from swashtwin.cli import app

@@ -31,7 +31,7 @@ from swashtwin.cli.outputs import (
     require_page,
     write_page,
 )
-from swashtwin.foundation import InputError, plural
+from swashtwin.foundation import InputError, plural, shell_command
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import AlarmScores, ChangeLibrary, Exclusion, LibraryPump
@@ -324,7 +324,7 @@ def prior(
                 f"note: {plural(count - n_pumps, 'pump')} excluded: the chamber pressures did not "
                 "converge."
             )
-        print_text(f"Next: swashtwin model adapt {out} HEALTHY")
+        print_text(f"Next: {shell_command('model', 'adapt', out, 'HEALTHY')}")
 
     result = {
         "model": out,
@@ -436,7 +436,7 @@ def adapt(
                 f"note: faults were simulated for {model.pump}. For a pump of another design, "
                 "specify --pistons."
             )
-        print_text(f"Next: swashtwin diagnose {out} FILE")
+        print_text(f"Next: {shell_command('diagnose', out, 'FILE')}")
 
     print_result(result, as_json, show)
 
@@ -504,7 +504,8 @@ def library(
             rows.append((machine["machine"], machine["pistons"], machine["healthy"], counts))
         header = ("machine", "pistons", "healthy", "recordings of faults")
         print_table(f"{out}: {plural(len(rows), 'machine')}", header, rows)
-        print_text(f"Next: swashtwin model adapt PRIOR HEALTHY --library {out}")
+        arguments = ("model", "adapt", "PRIOR", "HEALTHY", "--library", out)
+        print_text(f"Next: {shell_command(*arguments)}")
 
     print_result({"library": out, "machines": machines}, as_json, show)
 

@@ -33,7 +33,7 @@ from swashtwin.cli.options import (
 )
 from swashtwin.cli.outputs import Force, require_output
 from swashtwin.cli.sources import is_collection, load_sources
-from swashtwin.foundation import Spelling, plural, spell_for_index
+from swashtwin.foundation import Spelling, plural, shell_command, spell_for_index
 
 if TYPE_CHECKING:
     from swashtwin.learning import DataCheck
@@ -127,7 +127,7 @@ def index(
             print_text(text)
         class_names = ", ".join(map(format_label, classes)) or "the classes in the files"
         print_text(f"{path}: {plural(n_recordings, 'recording')} of {class_names}")
-        print_text(f"Check it, then: swashtwin inspect {path}")
+        print_text(f"Check it, then: {shell_command('inspect', path)}")
 
     print_result(result, as_json, show)
 
@@ -281,7 +281,7 @@ def convert(
     def show() -> None:
         count = plural(len(recordings), "recording")
         print_text(f"{out}: {count}, {duration:.4g} s, {size / 1e6:.4g} MB")
-        print_text(f"Next: swashtwin inspect {out}")
+        print_text(f"Next: {shell_command('inspect', out)}")
 
     print_result(result, as_json, show)
 

@@ -37,7 +37,7 @@ from swashtwin.cli.options import (
     fault_from,
 )
 from swashtwin.cli.outputs import Force, artifact_marks, require_output
-from swashtwin.foundation import parse_quantity, plural
+from swashtwin.foundation import parse_quantity, plural, shell_command
 
 if TYPE_CHECKING:
     from swashtwin.physics import Twin
@@ -381,9 +381,8 @@ def _fill_cells(job: _WindowJob, filling: "Filling") -> None:
 
 
 def _print_next_command(like: Path, out: Path) -> None:
-    print_text(
-        f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors"
-    )
+    options = ("--test-fraction", 0, "--out", "model.safetensors")
+    print_text(f"Next: {shell_command('train', like, '--add', out, *options)}")
 
 
 def _synthesize_class(

@@ -39,7 +39,7 @@ from swashtwin.cli.options import (
     read_settings,
 )
 from swashtwin.cli.outputs import Force, artifact_marks, require_output
-from swashtwin.foundation import plural
+from swashtwin.foundation import plural, shell_command
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
@@ -313,7 +313,7 @@ def _train_detector(
         )
         for text in detector.notes_:
             print_note(f"note: {text}")
-        print_text(f"Next: swashtwin diagnose {out} FILE")
+        print_text(f"Next: {shell_command('diagnose', out, 'FILE')}")
 
     print_result(result, as_json, show)
 
@@ -357,7 +357,8 @@ def _print_training(
         _print_confidence(confidence, fitted)
         if held_out_ids:
             count = plural(len(held_out_ids), "held-out recording")
-            print_text(f"Next, test it on {count}: swashtwin evaluate {out} {source}")
+            next_command = shell_command("evaluate", out, source)
+            print_text(f"Next, test it on {count}: {next_command}")
         else:
             print_note(
                 "note: no recording was held out. Evaluate the model on an index of other "

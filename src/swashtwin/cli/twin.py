@@ -27,7 +27,7 @@ from swashtwin.cli.options import (
     without_none,
 )
 from swashtwin.cli.outputs import require_folder
-from swashtwin.foundation import parse_quantity, plural
+from swashtwin.foundation import parse_quantity, plural, shell_command
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Calibration, CandidateRecording, RecordingPlan, SeverityTrend
@@ -219,9 +219,9 @@ def new_pump(
 
     def show() -> None:
         print_text(str(path))
+        next_command = shell_command("twin", "pump", "show", path, "--effects")
         print_text(
-            f"Edit it, then: swashtwin twin pump show {path} --effects. The quality of a twin "
-            "depends on these numbers."
+            f"Edit it, then: {next_command}. The quality of a twin depends on these numbers."
         )
 
     print_result({"pump": path}, as_json, show)

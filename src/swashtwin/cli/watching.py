@@ -19,6 +19,7 @@ from swashtwin.cli.console import (
 )
 from swashtwin.cli.options import Json
 from swashtwin.cli.outputs import Force, require_folder, require_output
+from swashtwin.foundation import shell_command
 
 if TYPE_CHECKING:
     from swashtwin.monitoring import Outcome
@@ -98,7 +99,7 @@ def init(
     from swashtwin.monitoring import write_example
 
     path = write_example(config)
-    next_step = f"Wrote {path}. Edit it, then: swashtwin watch {path}"
+    next_step = f"Wrote {path}. Edit it, then: {shell_command('watch', path)}"
     print_result({"config": path}, as_json, lambda: print_text(next_step))
 
 

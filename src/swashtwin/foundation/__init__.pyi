@@ -63,11 +63,13 @@ from .resumable_folders import resume_folder as resume_folder
 from .seeding import derive_seed as derive_seed
 from .seeding import random_stream as random_stream
 from .texts import csv_text as csv_text
+from .texts import describe_toml_error as describe_toml_error
 from .texts import escape_controls as escape_controls
 from .texts import finite_values as finite_values
 from .texts import json_text as json_text
 from .texts import plain_text as plain_text
 from .texts import plural as plural
+from .texts import shell_command as shell_command
 from .texts import spreadsheet_text as spreadsheet_text
 from .torch_state import TorchStream as TorchStream
 from .units import MPa as MPa

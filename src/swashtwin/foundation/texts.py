@@ -19,6 +19,10 @@ _CONTROLS = re.compile(f"[{CONTROLS}]+")
 _HIDDEN = re.compile(f"[{CONTROLS}\ud800-\udfff\ufffe\uffff]")
 
 
+# Characters of a parser's error that a message repeats.
+_MAX_TOML_REASON_LENGTH = 160
+
+
 def plain_text(text: str) -> str:
     """Return `text` in Unicode form NFC, without control characters and surrounding blanks.
 
@@ -80,6 +84,39 @@ def plural(count: int, singular: str) -> str:
     ('1 seed', '3 seeds')
     """
     return f"{count} {singular}" if count == 1 else f"{count} {singular}s"
+
+
+def describe_toml_error(cause: Exception) -> str:
+    r"""Return why a text is not valid TOML, with a remedy if a path of Windows is the likely cause.
+
+    Examples
+    --------
+    >>> print(describe_toml_error(ValueError("Invalid hex value (at line 1, column 8)")))
+    Invalid hex value (at line 1, column 8); write / between folders, or put a text with \ into
+    single quotes
+    """
+    reason = (str(cause).splitlines() or [""])[0][:_MAX_TOML_REASON_LENGTH]
+    # "C:\Daten" has an unknown escape sequence, "C:\Users" an incomplete one (\U and 8 digits).
+    if "\\" in str(cause) or "hex value" in str(cause):
+        return f"{reason}; write / between folders, or put a text with \\ into single quotes"
+    return reason
+
+
+def shell_command(*arguments: object) -> str:
+    """Return a command line of swashtwin that can be pasted into every common shell.
+
+    Examples
+    --------
+    >>> shell_command("inspect", Path("test bench"))
+    'swashtwin inspect "test bench"'
+    """
+    parts = ["swashtwin"]
+    for argument in arguments:
+        # Windows shells accept "/" in paths too, and POSIX shells only that.
+        text = argument.as_posix() if isinstance(argument, Path) else str(argument)
+        parts.append(f'"{text}"' if " " in text else text)
+
+    return " ".join(parts)
 
 
 def escape_controls(text: str, *, keep: str = "") -> str:

@@ -19,6 +19,7 @@ from swashtwin.foundation import (
     UnitError,
     as_path,
     closest_name,
+    describe_toml_error,
     parse_quantity,
     read_text,
     safe_file_name,
@@ -222,7 +223,7 @@ def load_pump(name: str | Path) -> Pump:
         require_sound_geometry(pump)
         return pump
     except tomllib.TOMLDecodeError as cause:
-        raise DataError(f"{origin}: not valid TOML: {cause}.") from cause
+        raise DataError(f"{origin}: not valid TOML: {describe_toml_error(cause)}.") from cause
     except (DataError, UnitError, InputError) as cause:
         raise cause.with_context(f"{origin}: ") from cause
 

@@ -13,9 +13,11 @@ from swashtwin.foundation import (
     MissingFileError,
     SwashTwinError,
     closest_name,
+    describe_toml_error,
     from_table,
     plain_text,
     read_text,
+    shell_command,
     spell_for_index,
 )
 from swashtwin.pump import is_same_class
@@ -27,10 +29,6 @@ from swashtwin.recordings.hdf5_store import is_store
 from swashtwin.recordings.recording import Recording
 
 INDEX_NAME = "recordings.toml"
-
-
-# Characters of a library's error that a message repeats.
-_MAX_REASON_LENGTH = 160
 
 
 class _Index(msgspec.Struct, forbid_unknown_fields=True):
@@ -48,7 +46,7 @@ def find_index(path: Path) -> Path:
         path = path / INDEX_NAME
     if not path.is_file():
         raise MissingFileError(
-            f"{path} does not exist; propose one with: swashtwin index {path.parent}"
+            f"{path} does not exist; propose one with: {shell_command('index', path.parent)}"
         )
     if path.suffix != ".toml":
         raise DataError(
@@ -69,17 +67,13 @@ def read_index(index: Path) -> dict[str, Any]:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as cause:  # also numbers of thousands of digits
-        reason = (str(cause).splitlines() or [""])[0][:_MAX_REASON_LENGTH]
-        hint = ""
-        if "\\" in str(cause):
-            hint = "; write / between folders, or put a text with \\ into single quotes"
-        raise DataError(f"{index} is not valid TOML: {reason}{hint}") from cause
+        raise DataError(f"{index} is not valid TOML: {describe_toml_error(cause)}") from cause
 
     if table.get("format") != 1 or isinstance(table["format"], bool):  # True equals 1
         raise DataError(
             f"{index}: format = {table.get('format')!r} cannot be read; this version reads "
             "format = 1. Read it with the swashtwin that wrote it, or write it again with: "
-            f"swashtwin index {index.parent}"
+            f"{shell_command('index', index.parent)}"
         )
     if not table.get("recording"):
         raise DataError(f"{index} has no [[recording]] entry.")

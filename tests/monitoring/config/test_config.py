@@ -79,6 +79,7 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
     [
         # the file as a whole, and slips of the pen in names of entries
         ("folder = ", "not valid TOML"),
+        ('[library]\npath = "C:\\Users\\me"', "write / between folders"),
         ("[alarm]\n", "no entry 'alarm'; did you mean 'alarms'?"),
         (
             "[[machine]]\nname='p'\nsped='1 rpm'",

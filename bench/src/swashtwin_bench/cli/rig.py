@@ -14,6 +14,7 @@ from swashtwin.cli import (
     progress,
     require_folder,
 )
+from swashtwin.foundation import shell_command
 from swashtwin_bench.cli.studies import print_study, typed_command
 
 if TYPE_CHECKING:
@@ -83,27 +84,16 @@ def _list_next_commands(demo: "Demo") -> dict[str, str]:
     out = demo.model.parent
 
     return {
-        "diagnose another recording": _format_command(
+        "diagnose another recording": shell_command(
             "diagnose", demo.model, demo.next_recording, "--report", out / "another.html"
         ),
-        f"look at the twin of pump {demo.pump}": _format_command(
+        f"look at the twin of pump {demo.pump}": shell_command(
             "report", demo.twin, "--out", out / "twin"
         ),
-        "train on the rig's recordings, or on a folder of yours": _format_command(
+        "train on the rig's recordings, or on a folder of yours": shell_command(
             "train", demo.rig, "--out", out / "own.safetensors"
         ),
     }
-
-
-def _format_command(*arguments: object) -> str:
-    """Return a command line that can be pasted into every common shell."""
-    parts = ["swashtwin"]
-    for argument in arguments:
-        # Windows shells accept "/" in paths too, and POSIX shells only that.
-        text = argument.as_posix() if isinstance(argument, Path) else str(argument)
-        parts.append(f'"{text}"' if " " in text else text)
-
-    return " ".join(parts)
 
 
 class Spread(StrEnum):
@@ -161,6 +151,6 @@ def rig(
 
     def show() -> None:
         print_text(str(index_file))
-        print_text(f"Next: {_format_command('inspect', out)}")
+        print_text(f"Next: {shell_command('inspect', out)}")
 
     print_result(result, as_json, show)

@@ -18,10 +18,12 @@ from swashtwin.foundation import (
     MissingFileError,
     SwashTwinError,
     UnitError,
+    describe_toml_error,
     from_table,
     parse_quantity,
     read_text,
     safe_file_name,
+    shell_command,
     write_text,
 )
 from swashtwin.monitoring.config.settings import (
@@ -60,12 +62,12 @@ def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) 
     path = Path(path)
     if not path.is_file():
         raise MissingFileError(
-            f"{path} does not exist; write one with: swashtwin watch init {path}"
+            f"{path} does not exist; write one with: {shell_command('watch', 'init', path)}"
         )
     try:
         table = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as cause:
-        raise DataError(f"{path}: not valid TOML: {cause}.") from cause
+        raise DataError(f"{path}: not valid TOML: {describe_toml_error(cause)}.") from cause
 
     folder = path.absolute().parent
     variables = environment

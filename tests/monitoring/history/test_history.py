@@ -44,6 +44,23 @@ def numbers_with_waveform(history: History, limit: int) -> list[int]:
     return [file_number(row) for row in rows if row.waveform is not None]
 
 
+def test_the_newest_scores_of_machines_come_oldest_first(history: History) -> None:
+    for name, scores in (("pump-1", [None, 0.5, 1.5, 2.5]), ("pump-2", [3.5])):
+        with history.machine(name) as transaction:
+            for number, score in enumerate(scores):
+                transaction.add_recording(judgment(number, reasons={"score": score}))
+
+    newest = history.reader.newest_scores(["pump-1", "pump-2", "pump-3"], 3)
+
+    assert {name: [row.score for row in rows] for name, rows in newest.items()} == {
+        "pump-1": [0.5, 1.5, 2.5],
+        "pump-2": [3.5],
+        "pump-3": [],
+    }
+    assert [row.time for row in newest["pump-1"]] == [hour(1), hour(2), hour(3)]
+    assert history.reader.newest_scores(["pump-1"], 9)["pump-1"][0].score is None
+
+
 def test_a_recording_is_read_as_it_was_filed(history: History) -> None:
     # Every optional column has a value, and the text one outside of ASCII.
     filed = judgment(

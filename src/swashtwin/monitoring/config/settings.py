@@ -111,6 +111,8 @@ class Machine(Entries, frozen=True, kw_only=True):
 
     name: Text
     """Unique; also the name of its folder of waveforms."""
+    site: Text | None = None
+    """Where it stands; the start page groups machines by it."""
     pump: NameOrFile | None = None
     """Name of a pump of the catalog, or path of a pump file."""
     pistons: Annotated[int, Meta(ge=5, le=15)] | None = None

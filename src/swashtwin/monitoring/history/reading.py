@@ -4,11 +4,11 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
-from sqlalchemy import ColumnElement, Select, func, select
+from sqlalchemy import ColumnElement, ScalarSelect, Select, func, select
 from sqlalchemy.orm import Session
 
 from swashtwin.foundation import InputError
@@ -46,6 +46,9 @@ FLOAT_BYTES = 4
 Names = tuple[tuple[str, str], ...]
 """Channel and name of each indicator."""
 
+# Nonconformity score of a recording; NULL if it was not compared with a baseline.
+_SCORE = Judgment.reasons["score"].as_float()
+
 
 @dataclass(frozen=True)
 class MachineOverview:
@@ -63,6 +66,21 @@ class MachineOverview:
     """End of its silence; None if it is not silenced."""
     maintained: datetime | None = None
     """Time of its newest maintenance, or None."""
+    first: datetime | None = None
+    """Time of measurement of its oldest recording."""
+    closed: datetime | None = None
+    """When its newest closed alarm was closed."""
+
+
+class ScoredRecording(NamedTuple):
+    """How far a recording deviates from the healthy baseline."""
+
+    time: datetime
+    """Time of measurement."""
+    state: str
+    """State of the recording, as in `Judgment`."""
+    score: float | None
+    """Nonconformity score [healthy scatters]; None if the recording was not compared."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +116,7 @@ class HistoryReader:
     def machines(self) -> Sequence[MachineOverview]:
         """Return a summary of each machine, by name."""
         newest_recordings = (
-            select(Machine.name, Judgment)
+            select(Machine.name, Judgment, _first_time_of_machine())
             .outerjoin(Judgment, Judgment.id == Machine.last)
             .where(Machine.name != "")
             .order_by(Machine.name)
@@ -107,6 +125,7 @@ class HistoryReader:
             counts = _recording_counts(session)
             silence_ends = _silence_ends(session)
             maintenance_times = _maintenance_times(session)
+            closing_times = _closing_times(session)
             alarms = _alarms_not_closed(session)
             rows = session.execute(newest_recordings).all()
 
@@ -118,9 +137,42 @@ class HistoryReader:
                 alarms=tuple(alarms[name]),
                 silenced=silence_ends.get(name),
                 maintained=maintenance_times.get(name),
+                first=first,
+                closed=closing_times.get(name),
             )
-            for name, newest_recording in rows
+            for name, newest_recording, first in rows
         ]
+
+    def newest_scores(
+        self, machines: Sequence[str], limit: int
+    ) -> dict[str, Sequence[ScoredRecording]]:
+        """Return the scores of the newest `limit` recordings of each machine, oldest first.
+
+        It is one query, whose cost does not depend on the length of the history.
+        """
+        # Both times are looked up in the index by machine and time. A window function over all
+        # recordings would read the whole history.
+        of_machine = select(Judgment.time).where(Judgment.machine == Machine.name)
+        oldest_shown = of_machine.order_by(Judgment.time.desc()).offset(limit - 1).limit(1)
+        start = func.coalesce(
+            oldest_shown.correlate(Machine).scalar_subquery(), _first_time_of_machine()
+        )
+        starts = (
+            select(Machine.name, start.label("start")).where(Machine.name.in_(machines)).subquery()
+        )
+        is_shown = (Judgment.machine == starts.c.name) & (Judgment.time >= starts.c.start)
+        query = (
+            select(Judgment.machine, Judgment.time, Judgment.state, _SCORE)
+            .join(starts, is_shown)
+            .order_by(Judgment.time, Judgment.id)
+        )
+
+        scores: dict[str, list[ScoredRecording]] = {name: [] for name in machines}
+        with self._database.reading() as session:
+            for name, *values in session.execute(query):
+                scores[name].append(ScoredRecording(*values))
+        # Recordings of the same time as the oldest one are too many.
+        return {name: rows[-limit:] for name, rows in scores.items()}
 
     def recordings(
         self,
@@ -320,6 +372,19 @@ class HistoryReader:
             return {reason: int(count) for reason, count in session.execute(query)}
 
 
+def _first_time_of_machine() -> ScalarSelect[datetime]:
+    """Return the time of the oldest recording of a machine, for a query of `Machine`.
+
+    The index yields it at once; the minima of all machines together would read all rows.
+    """
+    return (
+        select(func.min(Judgment.time))
+        .where(Judgment.machine == Machine.name)
+        .correlate(Machine)
+        .scalar_subquery()
+    )
+
+
 def _recording_counts(session: Session) -> dict[str, int]:
     query = select(Tally.machine, func.sum(Tally.recordings)).group_by(Tally.machine)
     # The sum of integers is a decimal number in PostgreSQL.
@@ -343,6 +408,15 @@ def _maintenance_times(session: Session) -> dict[str, datetime]:
         .group_by(Event.machine)
     )
     return dict(session.execute(query).all())
+
+
+def _closing_times(session: Session) -> dict[str, datetime]:
+    query = (
+        select(Alarm.machine, func.max(Alarm.closed))
+        .where(Alarm.closed.is_not(None))
+        .group_by(Alarm.machine)
+    )
+    return {machine: closed for machine, closed in session.execute(query) if closed is not None}
 
 
 def _alarms_not_closed(session: Session) -> dict[str, list[Alarm]]:

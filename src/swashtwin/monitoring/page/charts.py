@@ -8,6 +8,7 @@ of the width, vertical ones are pixels, and texts stand outside the field.
 import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from datetime import datetime
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from jaxtyping import Float
 from markupsafe import Markup, escape
 
 from swashtwin.foundation import SwashTwinError
-from swashtwin.monitoring.history.reading import Trend
+from swashtwin.monitoring.history.reading import ScoredRecording, Trend
 from swashtwin.monitoring.history.schema import Alarm, Judgment
 from swashtwin.monitoring.page.axis import Axis
 from swashtwin.monitoring.page.site import Site
@@ -31,6 +32,13 @@ MIN_RESOLUTION_HZ = 2.0
 """Smallest distance of a spectrum's lines."""
 MAX_LINES = 1600
 """Points of one drawn spectrum, each the largest line of its group; a screen shows no more."""
+
+MIN_SPARK_SCORE = 5.0
+"""Deviation at the top of a small line [healthy scatters], unless a recording deviates more."""
+SPARK_WIDTH = 240
+SPARK_HEIGHT = 40
+"""Size of a small line, in units that are stretched."""
+_SPARK_MARGIN = 4
 
 # Width of a field, in units that are stretched.
 _WIDTH = 1000.0
@@ -249,6 +257,54 @@ def draw_trend(
 
     ids = " ".join(str(number) for number in trend.ids[np.isfinite(heights)])
     return draw_figure(x, y, parts, title=_with_unit(title, unit), ids=ids, unit=unit)
+
+
+def draw_spark(scores: Sequence[ScoredRecording], alarms: Iterable[datetime]) -> Markup:
+    """Return a small line of the deviation over time, with the times at which alarms were raised.
+
+    Recordings that deviate far are marked by dots. The line is interrupted if a recording was not
+    compared with a baseline. Its height is at least `MIN_SPARK_SCORE`, so that the scatter of a
+    healthy machine does not look like a change.
+    """
+    times = np.array([recording.time.timestamp() for recording in scores])
+    values = np.array([recording.score for recording in scores], np.float64)
+    is_large = np.array([recording.state in ("alarm", "unusual") for recording in scores])
+
+    x = Axis(times[0], max(times[-1], times[0] + 1))
+    y = Axis(0.0, max(MIN_SPARK_SCORE, float(np.nanmax(values))))
+    points = [_spark_point(*shares) for shares in zip(x.share(times), y.share(values), strict=True)]
+    line = ""
+    command = "M"
+    for point, value in zip(points, values, strict=True):
+        if math.isnan(value):
+            command = "M"
+            continue
+        line += f"{command}{point}"
+        command = "L"
+
+    parts = []
+    for alarm in alarms:
+        share = float(x.share(alarm.timestamp()))
+        if 0 <= share <= 1:
+            position = f"{SPARK_WIDTH * share:.0f}"
+            parts.append(
+                f'<line class="alarm" x1="{position}" x2="{position}" y1="0" y2="{SPARK_HEIGHT}"/>'
+            )
+    parts.append(f'<path class="main" d="{line}"/>')
+    marked = zip(points, is_large & ~np.isnan(values), strict=True)
+    dots = "".join(f"M{point}h0" for point, is_marked in marked if is_marked)
+    if dots:
+        parts.append(f'<path class="large" d="{dots}"/>')
+    return Markup(
+        f'<svg class="spark" viewBox="0 0 {SPARK_WIDTH} {SPARK_HEIGHT}" aria-hidden="true"'
+        f' preserveAspectRatio="none">{"".join(parts)}</svg>'
+    )
+
+
+def _spark_point(x_share: float, y_share: float) -> str:
+    # The margins keep lines and dots at the ends from being cut off.
+    height = SPARK_HEIGHT - 2 * _SPARK_MARGIN
+    return f"{SPARK_WIDTH * x_share:.0f} {_SPARK_MARGIN + (1 - y_share) * height:.0f}"
 
 
 def draw_spectra(site: Site, judgment: Judgment, healthy_ids: Sequence[int]) -> Sequence[Markup]:

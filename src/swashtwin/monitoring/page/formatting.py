@@ -2,7 +2,9 @@
 
 import math
 import re
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+
+from swashtwin.foundation import plural
 
 NO_VALUE = "—"
 """Shown for a value that is missing or not finite."""
@@ -12,7 +14,8 @@ _MIN_PLAIN = 1e-3
 # Magnitudes between which a number is written without an exponent.
 _MAX_PLAIN = 1e5
 
-_AGE_UNITS = ((86400, "d"), (3600, "h"), (60, "min"))
+# Units of a duration, the largest first [s].
+_DURATION_UNITS = ((86400, "day"), (3600, "hour"), (60, "minute"))
 _FREQUENCY = re.compile(r" \([^()]* Hz\)$")
 
 
@@ -63,13 +66,24 @@ def stored_time(text: str) -> datetime:
     return datetime.fromisoformat(text)
 
 
+def format_duration(duration: timedelta) -> str:
+    """Return a duration in its largest unit.
+
+    Examples
+    --------
+    >>> format_duration(timedelta(hours=30)), format_duration(timedelta(hours=5))
+    ('1 day', '5 hours')
+    """
+    seconds = duration.total_seconds()
+    for unit_s, unit in _DURATION_UNITS:
+        if seconds >= unit_s:
+            return plural(int(seconds // unit_s), unit)
+    return "less than a minute"
+
+
 def format_age(time: datetime, now: datetime) -> str:
     """Return how long before `now` a time was, in its largest unit."""
-    age_s = max(0.0, (now - time).total_seconds())
-    for unit_s, unit in _AGE_UNITS:
-        if age_s >= unit_s:
-            return f"{int(age_s // unit_s)} {unit} ago"
-    return "just now"
+    return f"{format_duration(now - time)} ago"
 
 
 def format_label(label: str | None) -> str:

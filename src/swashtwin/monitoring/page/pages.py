@@ -2,8 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from datetime import UTC, datetime, timedelta
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Annotated, Any
 
@@ -15,6 +15,7 @@ from swashtwin.diagnosis import Check, next_checks
 from swashtwin.monitoring.alarms.baseline import baseline_band_powers
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.schema import Alarm, Judgment
+from swashtwin.monitoring.page.cards import SILENT, Card, Standing, build_card
 from swashtwin.monitoring.page.charts import (
     BAND_SPREADS,
     MAX_HEALTHY,
@@ -30,8 +31,12 @@ CARDS_PER_PAGE = 60
 """Machines on one page."""
 ROWS_PER_TABLE = 25
 """Recordings in one table."""
-MAX_SILENCE = timedelta(days=1)
-"""Time after which a machine that sent nothing is marked."""
+N_SPARK_RECORDINGS = 40
+"""Newest recordings of a machine that its card draws."""
+URGENT_GROUP = "Needs attention"
+"""Heading of the machines that need a person."""
+OTHER_GROUP = "No action needed"
+"""Heading of the machines without a site that need nobody."""
 MAX_TREND_POINTS = 2000
 """Newest points of a trend that are drawn; a screen shows no more."""
 _PAST_ALARMS = 200
@@ -49,6 +54,9 @@ class Pages:
     def __init__(self, site: Site) -> None:
         self._site = site
         self._reader = site.history.reader
+        self._site_names = {
+            machine.name: machine.site for machine in site.config.machines if machine.site
+        }
         self._spectra = lru_cache(maxsize=_CACHED_SPECTRA)(self._draw_spectra)
 
     def _draw_spectra(self, identity: int, _: bool, healthy: tuple[int, ...]) -> Sequence[Markup]:
@@ -67,31 +75,42 @@ class Pages:
     ) -> HTMLResponse:
         """Show all machines, the most urgent first."""
         site = self._site
-        machines = sorted(
-            site.machines(), key=lambda machine: (STATES.index(state_of(machine)), machine.name)
+        now = datetime.now(UTC)
+        standings = sorted(
+            (
+                Standing.of(machine, self._site_names.get(machine.name, ""), now)
+                for machine in site.machines()
+            ),
+            key=lambda standing: standing.urgency,
         )
-        counts = Counter(state_of(machine) for machine in machines)
+        counts = Counter(standing.state for standing in standings)
+        counts[SILENT] = sum(standing.is_silent for standing in standings)
 
-        matching_machines = [
-            machine
-            for machine in machines
-            if state in ("", state_of(machine).code) and text.casefold() in machine.name.casefold()
-        ]
-        page_count = max(1, math.ceil(len(matching_machines) / CARDS_PER_PAGE))
+        matching = [standing for standing in standings if standing.matches(state, text)]
+        page_count = max(1, math.ceil(len(matching) / CARDS_PER_PAGE))
         # Machines may have become fewer since the link was made.
         page = min(page, page_count)
         start = (page - 1) * CARDS_PER_PAGE
+        page_standings = matching[start : start + CARDS_PER_PAGE]
+        scores = self._reader.newest_scores(
+            [standing.machine.name for standing in page_standings], N_SPARK_RECORDINGS
+        )
+        cards = [
+            build_card(standing, scores[standing.machine.name], now) for standing in page_standings
+        ]
 
         return site.render(
             request,
             "overview.html.jinja",
-            cards=[_card(machine) for machine in matching_machines[start : start + CARDS_PER_PAGE]],
-            summary=[(state, counts[state]) for state in STATES if counts[state]],
+            groups=_group(cards),
+            group_sizes=Counter(_group_name(standing) for standing in matching),
+            n_urgent=sum(standing.needs_attention for standing in standings),
+            summary=[(state, counts[state]) for state in (*STATES, SILENT) if counts[state]],
             selected_state=state,
             text=text,
             page=page,
             pages=page_count,
-            total=len(machines),
+            total=len(standings),
             problems=site.problems,
         )
 
@@ -322,9 +341,19 @@ def page_routes(site: Site) -> APIRouter:
     return routes
 
 
-def _card(machine: MachineOverview) -> dict[str, Any]:
-    is_silent = machine.last is not None and datetime.now(UTC) - machine.last.time > MAX_SILENCE
-    return {"machine": machine, "state": state_of(machine), "is_silent": is_silent}
+def _group_name(standing: Standing) -> str:
+    """Return the heading under which the start page lists a machine."""
+    if standing.needs_attention:
+        return URGENT_GROUP
+    return standing.site or OTHER_GROUP
+
+
+def _group(cards: Iterable[Card]) -> Sequence[tuple[str, Sequence[Card]]]:
+    """Return cards that are sorted by urgency, by their headings."""
+    groups: dict[str, list[Card]] = {}
+    for card in cards:
+        groups.setdefault(_group_name(card.standing), []).append(card)
+    return list(groups.items())
 
 
 def _largest_change(alarms: Sequence[Alarm]) -> tuple[str, str] | None:

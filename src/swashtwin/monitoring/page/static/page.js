@@ -39,10 +39,12 @@ const FOCUSABLE = "a, button, summary, [tabindex]";
  * @param {ParentNode} part
  */
 function showTimes(part) {
+  const dayFormat = new Intl.DateTimeFormat(root.lang, { dateStyle: "medium" });
   const format = new Intl.DateTimeFormat(root.lang, { dateStyle: "medium", timeStyle: "medium" });
   for (const time of part.querySelectorAll("time")) {
     time.title = time.textContent;
-    time.textContent = format.format(new Date(time.dateTime));
+    const shownFormat = time.classList.contains("day") ? dayFormat : format;
+    time.textContent = shownFormat.format(new Date(time.dateTime));
   }
 }
 

@@ -1,5 +1,6 @@
 """The public figures show the data that they are given, and refuse data that cannot be drawn."""
 
+import itertools
 import math
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 
 from swashtwin import plot
 from swashtwin.foundation import InputError, MPa, rpm
+from swashtwin.plot import create_panels, figure_style, fit_to_phone
+from swashtwin.plot.phone import PHONE_WIDTH
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
@@ -91,3 +94,45 @@ def test_a_confusion_matrix_has_a_column_for_recordings_without_a_verdict() -> N
 def test_a_confusion_matrix_of_other_classes_is_refused() -> None:
     with pytest.raises(InputError, match="does not fit 3 classes"):
         plot.confusion(np.eye(2), ("a", "b", "c"))
+
+
+def test_all_of_many_confusion_matrices_have_titles_that_fit() -> None:
+    networks = [f"with calibrated twin and law of the recess {number}" for number in range(12)]
+    matrices = {(split, name): np.eye(2) for split in ("L2", "L4") for name in networks}
+
+    figure = plot.confusion(matrices, ("normal", "piston"))
+    figure.canvas.draw()
+
+    panels = [panel for panel in figure.axes if panel.axison]
+    assert len(panels) == 24
+    titles = [panel.title.get_window_extent() for panel in panels]
+    assert titles[0].y1 <= figure.bbox.y1
+    for title, other in itertools.combinations(titles, 2):
+        assert not title.overlaps(other)
+
+
+def test_a_figure_on_a_phone_has_its_panels_below_each_other_and_its_legend_in_it() -> None:
+    with figure_style():
+        figure, axes = create_panels(2, 2, 4.0, sharex=True)
+        for panel in axes.flat:
+            panel.plot([0, 1], [0, 1], label="a training set with a long name")
+        axes[0, 0].set(yticks=[0, 1], yticklabels=["BiTCN on spectra with a calibrated twin", "b"])
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles * 3, labels * 3, loc="outside upper center", ncols=3)
+        fit_to_phone(figure)
+        figure.canvas.draw()
+
+    assert figure.get_figwidth() == PHONE_WIDTH
+    tops = [panel.get_window_extent().y1 for panel in axes.flat]
+    assert tops == sorted(tops, reverse=True)
+    assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1
+    # half of the phone is left for the data
+    assert axes[0, 0].get_window_extent().width > figure.bbox.width / 2
+
+
+def test_a_training_set_has_one_color_whatever_it_is_drawn_with() -> None:
+    alone = plot.series_colors(["law"])
+    beside_others = plot.series_colors(["own", "measured", "law_everywhere", "law"])
+
+    assert alone["law"] == beside_others["law"] == beside_others["law_everywhere"]
+    assert len({*beside_others.values()}) == 3

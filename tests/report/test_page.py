@@ -118,6 +118,44 @@ def test_a_suspected_fault_turns_in_a_pump_that_is_stated_not_to_be_the_machine(
     assert "class LivingPump" in page
 
 
+def test_a_pump_that_turns_replaces_the_drawing_unless_scripts_are_off() -> None:
+    page = render_page(diagnosis())
+    drawing = 'viewBox="-40 0 476 262"'
+
+    assert page.count(drawing) == 1
+    assert page.index("<noscript>") < page.index(drawing) < page.index("</noscript>")
+    # of many recordings no pump turns
+    assert render_page(*(diagnosis(name) for name in "abc")).count(f"<figure><svg {drawing}") == 3
+
+
+@pytest.mark.parametrize(
+    ("verdict", "urgency"),
+    [
+        pytest.param(diagnosis(label="normal"), "Nothing is urgent.", id="healthy"),
+        pytest.param(diagnosis(), "Check soon: the severity was not estimated.", id="fault"),
+        pytest.param(
+            diagnosis(label="loose_slipper", probabilities={"loose_slipper": 1.0}),
+            "Urgent: stop the pump and look",
+            id="slipper",
+        ),
+        pytest.param(
+            diagnosis(label=None, no_verdict="channel x is dead.", probabilities={}),
+            "How urgent: not known",
+            id="no verdict",
+        ),
+    ],
+)
+def test_a_page_states_how_urgent_it_is(verdict: Diagnosis, urgency: str) -> None:
+    assert f'<p class="urgency">{urgency}' in render_page(verdict)
+
+
+def test_a_page_states_that_the_machine_is_not_specified() -> None:
+    page = render_page(diagnosis(facts=replace(diagnosis().facts, machine="")))
+
+    assert "<dt>Machine</dt> <dd>not specified</dd>" in page
+    assert "not specified" not in page[: page.index("</title>")]
+
+
 @pytest.mark.parametrize(
     "verdicts",
     [
@@ -395,8 +433,19 @@ def test_alarm_scores_without_healthy_recordings_state_that_none_was_tested() ->
 
 @pytest.mark.nightly
 @pytest.mark.skipif(not Path(CHROMIUM).exists(), reason=f"there is no {CHROMIUM}")
-def test_a_page_on_a_phone_does_not_scroll_sideways(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "look",
+    [
+        pytest.param({"viewport": {"width": 390, "height": 800}}, id="phone"),
+        pytest.param({"color_scheme": "dark"}, id="dark"),
+        pytest.param({}, id="light"),
+    ],
+)
+def test_a_page_fits_its_screen_and_axe_reports_no_defect(
+    tmp_path: Path, look: dict[str, object]
+) -> None:
     api = pytest.importorskip("playwright.sync_api")
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     page = tmp_path / "page.html"
     content = render_page(diagnosis(notes=("a note",) * 4), scored(0.7))
     page.write_text(content, encoding="utf-8")
@@ -405,11 +454,21 @@ def test_a_page_on_a_phone_does_not_scroll_sideways(tmp_path: Path) -> None:
         browser = driver.chromium.launch(
             executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
         )
-        phone = browser.new_page(viewport={"width": 390, "height": 800})
+        tab = browser.new_page(**look)
         errors: list[str] = []
-        phone.on("pageerror", lambda error: errors.append(str(error)))
-        phone.goto(page.as_uri())
-        phone.wait_for_function("document.querySelector('.living-pump').pump.frames > 0")
-        assert phone.evaluate("document.documentElement.scrollWidth") == 390
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto(page.as_uri())
+        tab.wait_for_function("document.querySelector('.living-pump').pump.frames > 0")
+        width = tab.viewport_size["width"]
+        assert tab.evaluate("document.documentElement.scrollWidth") == width
+        # figures and tables fit, too
+        assert (
+            tab.evaluate(
+                "Math.max(...Array.from(document.querySelectorAll('svg, td'), "
+                "(part) => part.getBoundingClientRect().right))"
+            )
+            <= width
+        )
+        assert axe.run(tab).response["violations"] == []
         assert errors == []
         browser.close()

@@ -28,7 +28,7 @@ from swashtwin.cli.options import (
     require_index,
     without_none,
 )
-from swashtwin.cli.outputs import Force, Report, require_page, write_page
+from swashtwin.cli.outputs import Force, Report, describe_model_file, require_page, write_page
 from swashtwin.cli.sources import load_sources
 from swashtwin.cli.training import confidence_advice
 from swashtwin.foundation import plural
@@ -117,7 +117,8 @@ def diagnose(
     evidence: dict[str, Evidence] = {}
     if report is not None and isinstance(trained, FaultClassifier):
         evidence = _collect_evidence(trained.fitted_, recordings, verdicts)
-    page = write_page(report, *_page_parts(verdicts, evidence), about={"Model": model})
+    about = {"Model": describe_model_file(model)}
+    page = write_page(report, *_page_parts(verdicts, evidence), about=about)
 
     def show() -> None:
         _print_verdicts(verdicts)

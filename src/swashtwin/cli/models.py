@@ -27,6 +27,7 @@ from swashtwin.cli.outputs import (
     Force,
     Report,
     artifact_marks,
+    describe_model_file,
     require_output,
     require_page,
     write_page,
@@ -84,7 +85,11 @@ def evaluate(
         report,
         scores,
         recordings=evaluation.recordings,
-        about={"Model": model, "Test": source, **_count_excluded(evaluation.excluded)},
+        about={
+            "Model": describe_model_file(model),
+            "Test": source,
+            **_count_excluded(evaluation.excluded),
+        },
     )
 
     def show() -> None:

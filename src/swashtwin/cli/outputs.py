@@ -2,13 +2,14 @@
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.foundation import InputError, SwashTwinError
+from swashtwin.foundation import InputError, SwashTwinError, plural
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Recording
@@ -143,6 +144,16 @@ def _files_of(paths: Iterable[Path]) -> Iterator[Path]:
         except SwashTwinError:
             # A folder or TOML file of another kind; the command itself reports what is wrong.
             continue
+
+
+def describe_model_file(path: Path) -> str:
+    """Return the name of a model file, with the date on which it was written and its age."""
+    if not path.is_file():
+        return f"{path}, shipped with swashtwin"
+
+    written = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+    age = datetime.now(UTC) - written
+    return f"{path}, written {written.date()}, {plural(max(age.days, 0), 'day')} old"
 
 
 def write_page(

@@ -3,6 +3,7 @@
 from .figures import confusion as confusion
 from .figures import format_unit as format_unit
 from .figures import spectrum as spectrum
+from .phone import fit_to_phone as fit_to_phone
 from .style import CALIBRATED as CALIBRATED
 from .style import INTERFACE_COLORS as INTERFACE_COLORS
 from .style import LIGHT as LIGHT

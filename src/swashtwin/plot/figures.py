@@ -1,6 +1,7 @@
 """Confusion matrices, and spectra with their expected lines."""
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import get_args
 
@@ -16,6 +17,7 @@ from swashtwin.plot.style import (
     MEASURED,
     ON_DARK,
     ON_SHADE,
+    WIDTH,
     create_panels,
     figure_style,
     format_label,
@@ -58,29 +60,65 @@ def confusion(
     for matrix in matrices.values():
         _check_matrix(matrix, classes)
 
-    grid_rows = list(dict.fromkeys(row for row, _ in matrices))
-    grid_columns = list(dict.fromkeys(column for _, column in matrices))
-    height = 1.1 + 2.9 * len(grid_rows)
-    figure, axes = create_panels(
-        len(grid_rows), len(grid_columns), height, sharex=True, sharey=True
-    )
-    for (row, column), matrix in matrices.items():
-        panel = axes[grid_rows.index(row), grid_columns.index(column)]
+    positions = _arrange_matrices(list(matrices))
+    n_lines = 1 + max(line for line, _ in positions.values())
+    n_places = 1 + max(place for _, place in positions.values())
+    titles = _wrap_titles(list(matrices), n_places)
+    title_lines = max(title.count("\n") for title in titles.values())
+    height = 1.1 + (2.5 if n_places > 2 else 2.9) * n_lines + _TITLE_LINE * title_lines * n_lines
+    figure, axes = create_panels(n_lines, n_places, height, sharex=True, sharey=True)
+    for key, matrix in matrices.items():
+        panel = axes[positions[key]]
         _draw_matrix(panel, np.asarray(matrix))
-        panel.set_title(", ".join(part for part in (row, column) if part))
+        panel.set_title(titles[key])
 
     actual = [format_label(label) for label in classes]
     n_columns = max(np.shape(matrix)[1] for matrix in matrices.values())
     predicted = [*actual, *["no verdict"] * (n_columns - len(classes))]
-    axes[0, 0].set(xticks=range(n_columns), yticks=range(len(classes)), yticklabels=actual)
+    axes[0, 0].set(yticks=range(len(classes)), yticklabels=actual)
     for panel in axes[:, 0]:
         panel.set_ylabel("actual class")
-    for panel in axes[-1]:
-        panel.set_xlabel("predicted class")
+    used = set(positions.values())
+    for (line, place), panel in np.ndenumerate(axes):
         panel.set_xticks(
             range(n_columns), predicted, rotation=45, ha="right", rotation_mode="anchor"
         )
+        if (line, place) not in used:
+            panel.set_axis_off()
+        # also above a place that is free in the last line
+        elif (line + 1, place) not in used:
+            panel.tick_params(labelbottom=True)
+            panel.set_xlabel("predicted class")
     return figure
+
+
+# Matrices side by side, height of a line of a title [inch], and characters of one that fit into an
+# inch.
+_MAX_MATRICES_PER_LINE = 4
+_TITLE_LINE = 0.17
+_CHARACTERS_PER_INCH = 12
+
+
+def _arrange_matrices(keys: Sequence[tuple[str, str]]) -> dict[tuple[str, str], tuple[int, int]]:
+    """Return (line, place) of each matrix by (row, column): a row begins a line, and a long row
+    takes several.
+    """
+    columns = list(dict.fromkeys(column for _, column in keys))
+    lines_per_row = math.ceil(len(columns) / _MAX_MATRICES_PER_LINE)
+    per_line = math.ceil(len(columns) / lines_per_row)
+
+    positions = {}
+    rows = list(dict.fromkeys(row for row, _ in keys))
+    for row, column in keys:
+        line, place = divmod(columns.index(column), per_line)
+        positions[row, column] = (rows.index(row) * lines_per_row + line, place)
+    return positions
+
+
+def _wrap_titles(keys: Sequence[tuple[str, str]], n_places: int) -> dict[tuple[str, str], str]:
+    """Return the title of each matrix in lines that fit above it."""
+    width = int(_CHARACTERS_PER_INCH * (WIDTH - 1) / max(n_places, 2))
+    return {key: textwrap.fill(", ".join(part for part in key if part), width) for key in keys}
 
 
 def _check_matrix(matrix: np.ndarray, classes: Sequence[str]) -> None:

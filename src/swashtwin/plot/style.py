@@ -3,8 +3,8 @@
 A color means the same everywhere.
 
 The palette is that of Okabe and Ito (https://jfly.uni-koeln.de/color/), whose colors color-blind
-readers can distinguish. Each training set and each class has one color; a marker, a line style or
-a word repeats it.
+readers can distinguish. Each training set and each class has one color in all figures; a marker, a
+line style or a word repeats it.
 """
 
 import base64
@@ -32,20 +32,43 @@ ON_SHADE = "#101010"
 ON_DARK = "#fefefe"
 """Text on a dark shade, which stays light."""
 
-# Color of each training set, which is also that of the twin before and after calibration, of each
-# class, and of the default network.
-_NAMED_COLORS = {
-    "measured": MEASURED,
-    "nominal": NOMINAL,
-    "calibrated": CALIBRATED,
+# Color of each class.
+_CLASS_COLORS = {
     "normal": "#009e73",
     "swash_plate": "#d55e00",
     "cylinder_block": "#aa4499",
     "piston": "#56b4e9",
     "valve_plate": "#a89a1d",
     "loose_slipper": "#000000",
-    "spectral_bitcn": CALIBRATED,
 }
+
+# Color of each training set by the source of its windows, which is also that of the twin before and
+# after calibration. Sets whose names begin alike have one source and thus one color, such as
+# `nominal_every_class`; within a figure, dashes distinguish them.
+_TRAINING_SET_COLORS = {
+    "measured": MEASURED,
+    "nominal": NOMINAL,
+    "calibrated": CALIBRATED,
+    "every_class": CALIBRATED,
+    "law": "#009e73",
+    "posterior": "#56b4e9",
+    "default_prior": "#56b4e9",
+    "no_gain": "#d55e00",
+    "ceiling_true": "#aa4499",
+    "ceiling_perfect": "#332288",
+    "class_weights": "#888888",
+    "duplicate": "#a89a1d",
+    "noisy_duplicate": "#882255",
+    "smote": "#44aa99",
+    "adasyn": "#117733",
+    "cvae": "#cc79a7",
+    "wgan_gp": "#000000",
+}
+
+# Color of the default network, where networks are compared.
+_NETWORK_COLORS = {"spectral_bitcn": CALIBRATED}
+
+_NAMED_COLORS = {**_CLASS_COLORS, **_TRAINING_SET_COLORS, **_NETWORK_COLORS}
 
 _FURTHER_COLORS = ("#882255", "#44aa99", "#332288", "#999933", "#cc79a7", "#117733")
 
@@ -89,16 +112,32 @@ def figure_style() -> Iterator[None]:
 
 
 def series_colors(names: Sequence[str]) -> dict[str, str]:
-    """Return the color of each line or class of a figure: the standard one if it has one."""
-    colors = {}
+    """Return the color of each line or class of a figure: the standard one if it has one.
+
+    Examples
+    --------
+    >>> series_colors(["nominal", "nominal_every_class"])
+    {'nominal': '#e69f00', 'nominal_every_class': '#e69f00'}
+    """
+    colors: dict[str, str] = {}
     n_further = 0
     for name in names:
-        if name in _NAMED_COLORS:
-            colors[name] = _NAMED_COLORS[name]
-        elif name not in colors:
-            colors[name] = _FURTHER_COLORS[n_further % len(_FURTHER_COLORS)]
+        color = _find_standard_color(name)
+        if color is None and name not in colors:
+            color = _FURTHER_COLORS[n_further % len(_FURTHER_COLORS)]
             n_further += 1
+        colors.setdefault(name, color or "")
     return colors
+
+
+def _find_standard_color(name: str) -> str | None:
+    """Return the color of a name, or of the training set that it is a variant of."""
+    if name in _NAMED_COLORS:
+        return _NAMED_COLORS[name]
+    for source, color in _TRAINING_SET_COLORS.items():
+        if name.startswith(f"{source}_"):
+            return color
+    return None
 
 
 class _NotebookFigure(Figure):

@@ -1,6 +1,7 @@
 """Part of the page about one recording: its class, or whether it deviates from the healthy ones."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +22,7 @@ from swashtwin.plot import (
     label_log_axis,
     series_colors,
 )
-from swashtwin.pump import is_healthy
+from swashtwin.pump import is_healthy, propose_class
 from swashtwin.recordings import RecordingSummary
 from swashtwin.report.drawing import Cutaway, Drawing, build_cutaways, render_drawing
 from swashtwin.report.living_pump import LivingPump, build_living_pumps
@@ -79,7 +80,7 @@ def build_diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         notice=rig_notice(diagnosis.facts),
         results={"diagnoses": [diagnosis.to_dict()]},
         subject=diagnosis.recording_id,
-        facts=list_facts(diagnosis.facts),
+        facts=_list_facts_of_machine(diagnosis),
     )
     if diagnosis.label is None:
         return _without_verdict(frame, diagnosis)
@@ -110,6 +111,7 @@ def build_diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         sections=(Section(SectionOrder.VERDICT, "Basis of the verdict", tuple(blocks)),),
         verdict=verdict,
         tone=tone,
+        urgency=_describe_urgency(diagnosis, labels),
         certainty=(*_describe_certainty(diagnosis, confidence), *notes[:_MAX_CARD_NOTES]),
         actions=tuple(check.what for check in checks),
         glance=build_glance(diagnosis, key, marked_labels),
@@ -127,7 +129,51 @@ def _without_verdict(frame: Part, diagnosis: Diagnosis) -> Part:
         sections=(Section(SectionOrder.VERDICT, title, blocks),),
         verdict="No verdict",
         tone="unsure",
+        urgency=_NO_VERDICT_URGENCY,
         actions=NO_VERDICT_ACTIONS,
+    )
+
+
+NO_MACHINE = "not specified"
+"""What a page states of a machine that the recording does not name."""
+
+
+def _list_facts_of_machine(diagnosis: Diagnosis) -> tuple[tuple[str, str], ...]:
+    """Return the facts of a recording, and that the machine is missing if it is."""
+    facts = list_facts(diagnosis.facts)
+    if diagnosis.facts.machine:
+        return facts
+    return (("Machine", NO_MACHINE), *facts)
+
+
+# Classes whose fault can break the pump at once (`swashtwin.diagnosis.CHECKS`).
+_BREAKS_PUMP = ("loose_slipper",)
+
+_NO_VERDICT_URGENCY = "How urgent: not known, since the recording was not judged."
+
+
+def _describe_urgency(diagnosis: Diagnosis, labels: Sequence[str]) -> str:
+    """Return how soon something must be done.
+
+    No model of this page estimates a severity, so that only the kind of fault decides.
+
+    Parameters
+    ----------
+    labels : classes that the verdict leaves, as faults of the model.
+    """
+    if diagnosis.unknown:
+        return (
+            "Check soon: the cause is not known, so it cannot be called harmless. Stop if noise, "
+            "temperature or case drain flow rises."
+        )
+    faults = [label for label in labels if not is_healthy(label)]
+    if not faults:
+        return "Nothing is urgent."
+    if any((propose_class(label) or label) in _BREAKS_PUMP for label in faults):
+        return "Urgent: stop the pump and look, since a slipper that comes off breaks it."
+    return (
+        "Check soon: the severity was not estimated. Stop if noise, temperature or case drain flow "
+        "rises."
     )
 
 
@@ -218,15 +264,17 @@ def _describe_answer(diagnosis: Diagnosis) -> tuple[str, ...]:
 def build_glance(
     verdict: Diagnosis, key: str, labels: tuple[str, ...]
 ) -> tuple[Drawing | Cutaway | LivingPump, ...]:
-    """Return the pump with the part of each label marked, a pump that turns with such a fault, and
+    """Return a pump that turns with the fault of each label, the orders that the fault excites, and
     the spectrum over healthy recordings.
     """
     facts = verdict.facts
     speed = None if facts.shaft is None else 2 * math.pi * facts.shaft
     blocks: list[Drawing | Cutaway | LivingPump] = []
     for label in labels:
-        blocks += build_cutaways(label, facts.pistons, facts.shaft)
-        blocks += build_living_pumps(label, pistons=facts.pistons, speed=speed)
+        pumps = build_living_pumps(label, pistons=facts.pistons, speed=speed)
+        blocks += pumps
+        for cutaway in build_cutaways(label, facts.pistons, facts.shaft):
+            blocks.append(replace(cutaway, is_below_living_pump=bool(pumps)))
     if verdict.spectrum is not None:
         blocks.append(draw_spectrum_over_healthy(verdict.spectrum, facts, key))
     return tuple(blocks)
@@ -414,6 +462,7 @@ def build_anomaly_part(verdict: Diagnosis, key: str) -> Part:
     answer: tuple[str, ...]
     actions: tuple[str, ...]
     tone: Tone
+    urgency = _NO_VERDICT_URGENCY
     certainty = (verdict.sentence(), *verdict.notes)
     if verdict.alarm is None:
         title = "No verdict"
@@ -429,10 +478,12 @@ def build_anomaly_part(verdict: Diagnosis, key: str) -> Part:
             f"It differs from the healthy recordings. Largest changes: {largest}.",
             *describe_spectrum(verdict.spectrum),
         )
+        urgency = _describe_urgency(replace(verdict, unknown=True), ())
         actions = tuple(check.what for check in next_checks(unknown=True))
     else:
         title = "No alarm"
         tone = "good"
+        urgency = _describe_urgency(verdict, ())
         answer = (
             "It differs from the healthy recordings no more than they differ from each other.",
             *describe_spectrum(verdict.spectrum),
@@ -452,11 +503,12 @@ def build_anomaly_part(verdict: Diagnosis, key: str) -> Part:
         results={"diagnoses": [verdict.to_dict()]},
         verdict=title,
         tone=tone,
+        urgency=urgency,
         certainty=certainty,
         actions=actions,
         glance=build_glance(verdict, key, ()),
         subject=verdict.recording_id,
-        facts=list_facts(verdict.facts),
+        facts=_list_facts_of_machine(verdict),
     )
 
 

@@ -54,6 +54,8 @@ class Drawing:
     """How to read it."""
     svg: str
     """The figure as an SVG file."""
+    phone_svg: str
+    """The same figure laid out for a phone."""
     columns: Mapping[str, Sequence[Any] | np.ndarray]
     """Its data, one entry of each column per row."""
     description: str = ""
@@ -76,15 +78,25 @@ class Drawing:
         """The figure as part of a page: without its prolog and size, its ids unique, its colors the
         page's.
         """
-        body = self.svg[self.svg.index("<svg") :]
-        for size in ("width", "height"):
-            body = re.sub(rf'(<svg[^>]*?) {size}="[^"]*"', r"\1", body, count=1)
+        return _embed(self.svg, self.name)
 
-        # ids of several figures on one page must differ
-        body = re.sub(r'\bid="([^"]+)"', rf'id="{self.name}-\1"', body)
-        body = re.sub(r'href="#([^"]+)"', rf'href="#{self.name}-\1"', body)
-        body = re.sub(r"url\(#([^)]+)\)", rf"url(#{self.name}-\1)", body)
-        return re.sub(r'style="[^"]*"', _use_page_colors, body)
+    @property
+    def within_phone(self) -> str:
+        """The same of the figure for a phone."""
+        return _embed(self.phone_svg, f"{self.name}-phone")
+
+
+def _embed(svg: str, name: str) -> str:
+    """Return a file of SVG as part of a page; `name` makes its ids unique."""
+    body = svg[svg.index("<svg") :]
+    for size in ("width", "height"):
+        body = re.sub(rf'(<svg[^>]*?) {size}="[^"]*"', r"\1", body, count=1)
+
+    # ids of several figures on one page must differ
+    body = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', body)
+    body = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', body)
+    body = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", body)
+    return re.sub(r'style="[^"]*"', _use_page_colors, body)
 
 
 def _use_page_colors(style: re.Match[str]) -> str:
@@ -101,13 +113,25 @@ def render_drawing(
     caption: str,
     description: str = "",
 ) -> Drawing:
-    """Return the figure as SVG with its data; call it within `figure_style`."""
+    """Return the figure as SVG with its data; call it within `figure_style`.
+
+    The figure itself is laid out for a phone afterwards.
+    """
+    # matplotlib is loaded only if a figure is drawn
+    from swashtwin.plot import fit_to_phone
+
+    svg = _save_svg(figure)
+    fit_to_phone(figure)
+    return Drawing(name, title, caption, svg, _save_svg(figure), columns, description)
+
+
+def _save_svg(figure: "Figure") -> str:
+    """Return the figure as a file of SVG."""
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata=_NO_METADATA)
     svg = text.getvalue().replace("<svg", "<!-- figure of swashtwin -->\n<svg", 1)
     # XML allows no control characters, which names of recordings may have
-    svg = escape_controls(svg, keep="\n")
-    return Drawing(name, title, caption, svg, columns, description)
+    return escape_controls(svg, keep="\n")
 
 
 def tabulate(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
@@ -197,6 +221,9 @@ class Cutaway:
     """Number of pistons; without it the strip of orders names none."""
     shaft: float | None = None
     """Shaft frequency [Hz], to name the frequencies of the orders."""
+    is_below_living_pump: bool = False
+    """Whether a pump that turns shows the part; the drawing then stands in for it without
+    scripts."""
 
     @property
     def parts(self) -> tuple[str, ...]:

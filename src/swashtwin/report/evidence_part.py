@@ -35,27 +35,31 @@ _LIMITS = (
 
 def build_evidence_part(evidence: Evidence, key: str) -> Part:
     """Return the part of the page about the evidence for one verdict."""
-    first_sentence, *further_sentences = evidence.sentences()
-    blocks: list[Any] = [*further_sentences, _describe_margin(evidence)]
-    if evidence.adds_up:
-        blocks.append(draw_contributions(evidence, key))
+    if evidence.unknown:
+        # what speaks for a class would contradict the answer
+        answer: tuple[str, ...] = ()
+        blocks: list[Any] = [_tabulate_nearest(evidence)]
+    else:
+        first_sentence, *further_sentences = evidence.sentences()
+        answer = (first_sentence,)
+        blocks = [*further_sentences, _describe_margin(evidence)]
+        if evidence.adds_up:
+            blocks.append(draw_contributions(evidence, key))
+        blocks += [_tabulate_contributions(evidence), _tabulate_nearest(evidence)]
 
     checks = tuple(f"{check.what} {check.why}" for check in evidence.checks)
-    limits = tuple(limit.format(baseline=evidence.baseline) for limit in _LIMITS)
-    blocks += [
-        _tabulate_contributions(evidence),
-        _tabulate_nearest(evidence),
-        Bullets("What to check next", checks),
-        Bullets("Limits of this evidence", limits),
-    ]
+    blocks.append(Bullets("What to check next", checks))
+    if not evidence.unknown:
+        limits = tuple(limit.format(baseline=evidence.baseline) for limit in _LIMITS)
+        blocks.append(Bullets("Limits of this evidence", limits))
 
     title = f"Why {format_label(evidence.label)}"
     if evidence.unknown:
-        title = "What the network used"
+        title = "What it resembles"
     heading = f"{title}: evidence in {evidence.recording_id}"
     return Part(
         title=f"Evidence for {evidence.recording_id}",
-        answer=(first_sentence,),
+        answer=answer,
         sections=(Section(SectionOrder.VERDICT, heading, tuple(blocks)),),
         results={"evidence": [evidence.to_dict()]},
         subject=evidence.recording_id,

@@ -112,6 +112,8 @@ class Part:
     """The result in a few words, in large type."""
     tone: Tone = "plain"
     """Whether that is good news."""
+    urgency: str = ""
+    """How soon something must be done."""
     certainty: tuple[str, ...] = ()
     """How sure it is."""
     actions: tuple[str, ...] = ()

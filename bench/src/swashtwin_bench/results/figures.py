@@ -2,6 +2,7 @@
 
 import math
 import textwrap
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -34,8 +35,8 @@ DRAWN_METRICS = ("accuracy", "scarce_recall")
 MAX_ROWS = 40
 """Maximum number of rows in a figure; the first ones are drawn."""
 
-MAX_MATRICES = 4
-"""Maximum number of confusion matrices side by side."""
+MAX_MATRICES = 12
+"""Maximum number of confusion matrices of a split."""
 
 MAX_POINTS = 1200
 """Maximum number of windows in one t-SNE panel, taken evenly.
@@ -67,13 +68,16 @@ def draw_rows(study: StudyTable, key: str) -> Drawing:
     # Stable: within a split, rows keep the order of the study.
     rows = sorted(study.rows(), key=lambda row: str(row.get("split", "")))[:MAX_ROWS]
     labels = _label_rows(study, rows)
+    training_sets = [str(row.get("training_set", "")) for row in rows]
+    color_by_set = {**series_colors(training_sets), "": MEASURED}
+    colors = [color_by_set[name] for name in training_sets]
 
     n_columns = min(2, len(metrics))
     n_lines = math.ceil(len(metrics) / n_columns)
     height = n_lines * (1.1 + 0.24 * len(rows))
     figure, axes = create_panels(n_lines, n_columns, height, sharey=True)
     for ax, (metric, heading) in zip(axes.flat, metrics.items(), strict=False):
-        _draw_bars(ax, [row[metric]["values"] for row in rows])
+        _draw_bars(ax, [row[metric]["values"] for row in rows], colors)
         ax.set(title=heading, yticks=range(len(rows)), yticklabels=labels)
         # The first row stands at the top, as in the table.
         ax.set_ylim(len(rows) - 0.5, -0.5)
@@ -110,13 +114,15 @@ def _label_rows(study: StudyTable, rows: Sequence[Mapping[str, Any]]) -> list[st
     return labels
 
 
-def _draw_bars(ax: Axes, values_by_row: Sequence[Sequence[float | None]]) -> None:
-    """Draw the mean of each row as a bar, and its values as points."""
-    for position, row_values in enumerate(values_by_row):
+def _draw_bars(
+    ax: Axes, values_by_row: Sequence[Sequence[float | None]], colors: Sequence[str]
+) -> None:
+    """Draw the mean of each row as a bar in its color, and its values as points."""
+    for position, (row_values, color) in enumerate(zip(values_by_row, colors, strict=True)):
         values = [value for value in row_values if value is not None]
         if not values:
             continue
-        ax.barh(position, np.mean(values), height=0.62, color=CALIBRATED, alpha=0.35)
+        ax.barh(position, np.mean(values), height=0.62, color=color, alpha=0.45)
         positions = [position] * len(values)
         ax.plot(values, positions, "o", color=MEASURED, markersize=3, alpha=0.5)
 
@@ -226,32 +232,28 @@ def _draw_curve(
 def _style_series(series: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
     """Return color, marker and dashes of each series of (classifier, training set).
 
-    Colors and markers distinguish the classifiers, dashes the training sets. With one classifier,
-    or with more training sets than dashes, it is the other way round.
+    Colors distinguish the training sets, and markers the classifiers; of one training set or
+    classifier, both distinguish the other. Series of one color differ in their dashes.
     """
     classifiers = list(dict.fromkeys(classifier for classifier, _ in series))
     training_sets = list(dict.fromkeys(training_set for _, training_set in series))
-    by_classifier = len(classifiers) > 1 and len(training_sets) <= len(_DASHES)
-
-    if by_classifier:
-        colored = classifiers
-        dashed = training_sets
-    else:
-        colored = training_sets
-        dashed = classifiers
+    colored = training_sets if len(training_sets) > 1 else classifiers
+    marked = classifiers if len(classifiers) > 1 else training_sets
     colors = series_colors(colored)
 
+    n_by_color: Counter[str] = Counter()
     looks = []
     for classifier, training_set in series:
-        color_key = classifier if by_classifier else training_set
-        dash_key = training_set if by_classifier else classifier
+        color = colors[training_set if colored is training_sets else classifier]
+        mark = marked.index(classifier if marked is classifiers else training_set)
         looks.append(
             {
-                "color": colors[color_key],
-                "marker": _MARKERS[colored.index(color_key) % len(_MARKERS)],
-                "linestyle": _DASHES[dashed.index(dash_key) % len(_DASHES)],
+                "color": color,
+                "marker": _MARKERS[mark % len(_MARKERS)],
+                "linestyle": _DASHES[n_by_color[color] % len(_DASHES)],
             }
         )
+        n_by_color[color] += 1
 
     return looks
 
@@ -282,7 +284,7 @@ def draw_training(study: StudyResult, key: str) -> Drawing:
         factor = "training_set"
         runs = [run for run in runs if run["factors"]["classifier"] == study.main_classifier]
     names = list(dict.fromkeys(run["factors"][factor] for run in runs))
-    colors = series_colors(names)
+    looks = _style_lines(names)
 
     figure, axes = create_panels(2, 2, 5.6, sharex="col", sharey="row")
     rows: list[dict[str, Any]] = []
@@ -293,9 +295,9 @@ def draw_training(study: StudyResult, key: str) -> Drawing:
         seconds = numbers * run["values"].get("epoch_cpu_s", math.nan)
         for line, quantity in zip(axes, ("loss", "accuracy"), strict=True):
             values = [epoch[quantity] for epoch in epochs]
-            color = colors[run["factors"][factor]]
-            line[0].plot(numbers, values, color=color, linewidth=1, alpha=0.8)
-            line[1].plot(seconds, values, color=color, linewidth=1, alpha=0.8)
+            look = looks[run["factors"][factor]]
+            line[0].plot(numbers, values, linewidth=1, alpha=0.8, **look)
+            line[1].plot(seconds, values, linewidth=1, alpha=0.8, **look)
 
         for epoch, cpu_s in zip(epochs, seconds.tolist(), strict=True):
             rows.append(
@@ -316,7 +318,7 @@ def draw_training(study: StudyResult, key: str) -> Drawing:
     axes[1, 0].yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     axes[1, 1].set(xlabel="CPU time of the training [s]")
 
-    marks = [Line2D([], [], color=colors[name], linewidth=2) for name in names]
+    marks = [Line2D([], [], linewidth=2, **looks[name]) for name in names]
     labels = [format_factor(factor, name) for name in names]
     figure.legend(marks, labels, loc="outside upper center", ncols=2)
     caption = (
@@ -329,8 +331,22 @@ def draw_training(study: StudyResult, key: str) -> Drawing:
     )
 
 
+def _style_lines(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return the color of each line, and dashes if several lines have it."""
+    colors = series_colors(names)
+    n_by_color: Counter[str] = Counter()
+    looks: dict[str, dict[str, Any]] = {}
+    for name, color in colors.items():
+        looks[name] = {"color": color, "linestyle": _DASHES[n_by_color[color] % len(_DASHES)]}
+        n_by_color[color] += 1
+    return looks
+
+
 def draw_confusions(study: StudyResult, key: str) -> Drawing:
-    """Draw confusion matrices, summed over the seeds, of the first row and of the best rows."""
+    """Draw the confusion matrices of all rows, or of the first and the best ones, by split.
+
+    They are summed over the seeds.
+    """
     factors = [name for name in study.factors if name != "split"]
     by_accuracy = sorted(study.rows(), key=lambda row: -(row["accuracy"]["mean"] or 0.0))
 
@@ -347,9 +363,13 @@ def draw_confusions(study: StudyResult, key: str) -> Drawing:
             cell = (row["split"], title)
             matrices[cell] = matrices.get(cell, 0) + np.array(row["confusion"])
 
+    n_rows = len(set(ranked))
+    shown = ""
+    if n_rows > len(selected):
+        shown = f" Shown are the first row and the {len(selected) - 1} most accurate of {n_rows}."
     caption = (
         "Windows of each actual class in percent, summed over "
-        f"{plural(len(study.seeds), 'seed')}; rows add up to 100."
+        f"{plural(len(study.seeds), 'seed')}; rows add up to 100.{shown}"
     )
     return draw_confusion(f"{key}_confusion", matrices, study.classes, caption=caption)
 

@@ -171,6 +171,8 @@ export class LivingPump {
     this.sensor = 0;
     this.isTurning = false;
     this.isVisible = true;
+    /** Whether the canvases are large enough to draw in. */
+    this.isDrawable = false;
     this.frame = 0;
     this.lastTime = 0;
     this.lastText = 0;
@@ -305,8 +307,9 @@ export class LivingPump {
   /** Draw everything anew, after a change of content, size or colors. */
   paint() {
     if (!this.content || !this.place.isConnected) return;
-    const isSeen = [this.section, this.face, this.curves].map((sheet) => sheet.fit());
-    if (!isSeen.every(Boolean)) return;
+    const fits = [this.section, this.face, this.curves].map((sheet) => sheet.fit());
+    this.isDrawable = fits.every(Boolean);
+    if (!this.isDrawable) return;
 
     const style = getComputedStyle(this.place);
     for (const name of INKS) this.ink[name] = style.getPropertyValue(`--pump-${name}`).trim();
@@ -319,7 +322,7 @@ export class LivingPump {
 
   /** Draw what turns. */
   draw() {
-    if (!this.content || !this.shades.length) return;
+    if (!this.content || !this.isDrawable) return;
     this.sortByDepth();
     this.drawSection();
     this.drawFace();

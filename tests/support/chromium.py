@@ -1,6 +1,6 @@
 """A real Chromium for tests of pages; a module that imports this is skipped without one."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +80,9 @@ def check_access(
     addresses: Iterable[str],
     enter: Callable[[Any, str], None],
     scheme: str,
+    impacts: Collection[str] = ("serious", "critical"),
 ) -> None:
-    """Axe finds no serious fault at any place."""
+    """Axe finds no fault of these impacts at any place."""
     axe = pytest.importorskip(
         "axe_playwright_python.sync_playwright", reason="axe is not installed"
     ).Axe()
@@ -89,9 +90,9 @@ def check_access(
     for tab in tabs(browser, address, color_scheme=scheme):
         for page_address in addresses:
             enter(tab, page_address)
-            serious = {}
+            faults = {}
             for violation in axe.run(tab).response["violations"]:
-                if violation["impact"] in ("serious", "critical"):
+                if violation["impact"] in impacts:
                     nodes = [node["html"][:200] for node in violation["nodes"]]
-                    serious[violation["id"]] = nodes
-            assert serious == {}, page_address
+                    faults[violation["id"]] = nodes
+            assert faults == {}, page_address

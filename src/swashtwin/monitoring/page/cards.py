@@ -9,9 +9,9 @@ from typing import Any
 
 from markupsafe import Markup
 
-from swashtwin.diagnosis import next_checks
 from swashtwin.monitoring.history.reading import MachineOverview, ScoredRecording
 from swashtwin.monitoring.history.schema import Alarm, Judgment
+from swashtwin.monitoring.page.advice import checks_of_alarm
 from swashtwin.monitoring.page.charts import draw_spark
 from swashtwin.monitoring.page.formatting import format_duration, format_label, number, percent
 from swashtwin.monitoring.page.states import STATES, MachineState, state_of
@@ -35,9 +35,6 @@ _RANKS = {state.code: rank for rank, state in enumerate(STATES)}
 
 # Kinds of alarms, most urgent first, as in `state_of`.
 _ALARM_KINDS = ("pump", "sensor", "delivery")
-
-# Verdicts of a model that name no fault.
-_UNNAMED_CLASSES = ("abnormal", "unknown")
 
 _FIRST_SENTENCE = re.compile(r".*?\.(?= |$)")
 
@@ -286,24 +283,10 @@ def _advise(standing: Standing, alarm: Alarm | None) -> Sequence[str]:
     if alarm is not None and alarm.kind == "delivery":
         return ("Check the logger and its files: the machine is not watched.",)
     if alarm is not None:
-        return _first_checks(alarm, standing.machine.last)
+        checks = checks_of_alarm(alarm, standing.machine.last)
+        return [check.what for check in checks[:N_CHECKS]]
     if standing.state.code == "unusual":
         return ("Record it again: one recording alone may be a disturbance.",)
     if standing.is_silent:
         return ("Check the logger, the network and the source.",)
     return ()
-
-
-def _first_checks(alarm: Alarm, newest: Judgment | None) -> Sequence[str]:
-    suspect = alarm.evidence.get("suspect") or {}
-    label: str | None = None
-    if suspect.get("certainty") in ("sure", "unsure"):
-        label = suspect["label"]
-    elif newest is not None and not is_healthy(newest.label):
-        label = newest.label
-
-    if label is None or label in _UNNAMED_CLASSES:
-        checks = next_checks(unknown=True)
-    else:
-        checks = next_checks(label)
-    return [check.what for check in checks[:N_CHECKS]]

@@ -9,12 +9,17 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
 from markupsafe import Markup
-from starlette.responses import HTMLResponse
+from starlette.responses import HTMLResponse, Response
 
-from swashtwin.diagnosis import Check, next_checks
+from swashtwin.diagnosis import Check
 from swashtwin.monitoring.alarms.baseline import baseline_band_powers
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.schema import Alarm, Judgment
+from swashtwin.monitoring.page.advice import (
+    checks_of_alarm,
+    checks_of_recording,
+    suspected_label,
+)
 from swashtwin.monitoring.page.cards import SILENT, Card, Standing, build_card
 from swashtwin.monitoring.page.charts import (
     BAND_SPREADS,
@@ -23,9 +28,10 @@ from swashtwin.monitoring.page.charts import (
     draw_trend,
 )
 from swashtwin.monitoring.page.formatting import NO_VALUE, format_time, indicator_name, number
+from swashtwin.monitoring.page.pump_drawings import PumpDrawings
 from swashtwin.monitoring.page.site import MAX_ID, Site
 from swashtwin.monitoring.page.states import STATES, VERDICT_NAMES, group_indicators, state_of
-from swashtwin.report import LivingPump, build_living_pumps
+from swashtwin.report import LivingPump
 
 CARDS_PER_PAGE = 60
 """Machines on one page."""
@@ -57,6 +63,7 @@ class Pages:
         self._site_names = {
             machine.name: machine.site for machine in site.config.machines if machine.site
         }
+        self._drawings = PumpDrawings()
         self._spectra = lru_cache(maxsize=_CACHED_SPECTRA)(self._draw_spectra)
 
     def _draw_spectra(self, identity: int, _: bool, healthy: tuple[int, ...]) -> Sequence[Markup]:
@@ -258,7 +265,7 @@ class Pages:
             judgment=judgment,
             reasons=judgment.reasons,
             alarms=alarms,
-            checks=_checks(judgment),
+            checks=checks_of_recording(judgment),
             limit=self._site.alarm_capital,
             facts=_facts(judgment),
             spectra=self._spectra(judgment.id, judgment.waveform is not None, healthy),
@@ -290,26 +297,33 @@ class Pages:
     def alarm(self, request: Request, identity: int) -> HTMLResponse:
         """Show one alarm."""
         alarm = self._site.alarm(identity)
+        checks: Sequence[Check] = ()
+        if alarm.kind == "pump" and alarm.closed is None:
+            checks = checks_of_alarm(alarm, self._site.machine(alarm.machine).last)
         return self._site.render(
-            request, "alarm.html.jinja", alarm=alarm, pumps=self._living_pumps(alarm)
+            request,
+            "alarm.html.jinja",
+            alarm=alarm,
+            checks=checks,
+            has_suspect=suspected_label(alarm) is not None,
         )
 
-    def _living_pumps(self, alarm: Alarm) -> Sequence[LivingPump]:
-        """Return the machine's pump with a typical fault of the suspect, if there is one."""
-        suspect = alarm.evidence.get("suspect")
-        if not suspect or suspect["certainty"] not in ("sure", "unsure"):
-            return ()
-        machine = self._site.config.machine(alarm.machine)
-        judgment = None
-        if alarm.recording is not None:
-            judgment = self._reader.recording(alarm.recording)
-        return build_living_pumps(
-            suspect["label"],
-            pump=None if machine is None else machine.pump,
-            pistons=None if machine is None else machine.pistons,
-            speed=None if judgment is None else judgment.speed,
-            pressure=None if judgment is None else judgment.pressure,
-        )
+    def pump(self, request: Request, identity: int) -> Response:
+        """Return the part of an alarm's page that takes seconds: the pump with the suspected fault.
+
+        The page's script loads it. The answer has no content if the pump cannot be drawn.
+        """
+        alarm = self._site.alarm(identity)
+        label = suspected_label(alarm)
+        pumps: Sequence[LivingPump] = ()
+        if label is not None:
+            judgment = None
+            if alarm.recording is not None:
+                judgment = self._reader.recording(alarm.recording)
+            pumps = self._drawings.draw(label, self._site.config.machine(alarm.machine), judgment)
+        if not pumps:
+            return Response(status_code=204)
+        return self._site.render(request, "pump.html.jinja", pumps=pumps)
 
     def log(self, request: Request) -> HTMLResponse:
         """Show the status of the watch, recordings that were not judged, and events."""
@@ -335,6 +349,7 @@ def page_routes(site: Site) -> APIRouter:
         ("/recordings/{identity}", pages.recording),
         ("/alarms", pages.alarms),
         ("/alarms/{identity}", pages.alarm),
+        ("/alarms/{identity}/pump", pages.pump),
         ("/log", pages.log),
     ):
         routes.get(path, response_class=HTMLResponse)(page)
@@ -366,18 +381,6 @@ def _largest_change(alarms: Sequence[Alarm]) -> tuple[str, str] | None:
 
     largest = max(changes, key=lambda change: abs(change["change"]))
     return largest["channel"], indicator_name(largest["band"])
-
-
-def _checks(judgment: Judgment) -> Sequence[Check]:
-    """Return what to check next at the machine."""
-    suspect = judgment.reasons.get("suspect")
-    if judgment.label is None and suspect and suspect["certainty"] == "sure":
-        return next_checks(suspect["label"])
-    if judgment.label in (None, "abnormal"):
-        return next_checks(unknown=True)
-
-    is_unknown = bool(judgment.reasons["verdict"].get("unknown"))
-    return next_checks(judgment.label, unknown=is_unknown)
 
 
 def _facts(judgment: Judgment) -> Sequence[tuple[str, str]]:

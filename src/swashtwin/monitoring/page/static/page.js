@@ -334,6 +334,23 @@ async function refresh() {
   }
 }
 
+/**
+ * Fill a place whose content takes the server some seconds, and run the script of that content.
+ *
+ * @param {HTMLElement} place
+ */
+async function fillPlace(place) {
+  const note = document.createElement("p");
+  note.className = "soft";
+  note.textContent = "Simulating the pump with the suspected fault …";
+  place.replaceChildren(note);
+
+  const answer = await fetch(place.dataset.content);
+  // Without content the pump cannot be simulated, and the page is complete.
+  place.innerHTML = answer.status === 200 ? await answer.text() : "";
+  if (place.firstElementChild) await import(place.dataset.script);
+}
+
 /** @returns {NodeListOf<HTMLElement>} */
 function regions() {
   return document.querySelectorAll("[data-region]");
@@ -400,4 +417,7 @@ function showConnection(light, isConnected) {
 for (const region of regions()) region.dataset.source = region.innerHTML;
 showTimes(document);
 activateFigures(document);
+for (const place of document.querySelectorAll("[data-content]")) {
+  fillPlace(/** @type {HTMLElement} */ (place));
+}
 followHistory();

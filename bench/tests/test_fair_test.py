@@ -283,6 +283,20 @@ def test_runs_are_collected_from_the_folders_of_the_study(tmp_path: Path) -> Non
         fair_test.collect_runs([tmp_path / "fair-test-2"])
 
 
+def test_collected_runs_are_added_to_the_table(tmp_path: Path) -> None:
+    table = scores_of(PRIMARY[0], [2, 3])
+    write_run(tmp_path, "seed40-x")
+    collected = fair_test.collect_runs([tmp_path])
+
+    both = fair_test.add_scores(table, collected)
+    assert len(both) == len(table) + 2
+    assert fair_test.add_scores(both, collected) == both
+
+    repeated = [replace(score, run="seed40-y") for score in collected]
+    with pytest.raises(InputError, match="has run seed40-x, and the folders have seed40-y"):
+        fair_test.add_scores(both, repeated)
+
+
 def test_two_runs_of_one_training_are_reported_with_the_one_to_delete(tmp_path: Path) -> None:
     # a run that is repeated after a fix has another key
     second = write_run(tmp_path, "seed40-a")

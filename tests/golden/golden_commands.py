@@ -57,8 +57,9 @@ COMMANDS: dict[str, Command] = {
         **SEARCHED,
     ),
     "calibrate_healthy": Command(
-        f"calibrate pair.toml {AT_15} {GAUSS_NEWTON} --specimen A --band '0-1 kHz' "
-        "--out healthy.json",
+        # in doubt without the default nuisances: which mistakes explain it differs between machines
+        f"calibrate pair.toml {AT_15} --method gauss-newton --set starts=1 --specimen A "
+        "--band '0-1 kHz' --out healthy.json",
         **SEARCHED,
     ),
     "severity": Command(
@@ -70,11 +71,13 @@ COMMANDS: dict[str, Command] = {
         "synthesize worn.json --like split/train.toml --window 2048 --count 3 "
         "--out synthetic.safetensors",
         requires=("calibrate",),
+        **SEARCHED,
     ),
     "synthesize_fill": Command(
         "synthesize --fill all worn.json --like split/train.toml --window 2048 --count 1 "
         "--out filled.safetensors",
         requires=("calibrate",),
+        **SEARCHED,
     ),
     "train": Command(
         "train split/train.toml --add synthetic.safetensors --test-fraction 0 "

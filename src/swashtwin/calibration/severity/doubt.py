@@ -60,13 +60,13 @@ def describe_doubt(calibration: Calibration) -> str:
     """Return why a calibration, or what it held fixed, may make severities wrong; empty if nothing
     does.
     """
+    if calibration.suspected_mistakes:
+        return f"its lines fit better if {calibration.suspected_mistakes[0]}"
     if calibration.misfit > DOUBTFUL_MISFIT:
         return (
             f"its lines differ from the measured ones {calibration.misfit:.2g} times as much as "
             "noise and model error explain"
         )
-    if calibration.suspected_mistakes:
-        return f"its lines fit better if {calibration.suspected_mistakes[0]}"
     if calibration.is_in_doubt:
         return "its fit strains a bound or a prior"
 

@@ -226,7 +226,8 @@ def prepare_healthy_tables(folder: Path, rig: Path) -> None:
 
 def prepare_library(folder: Path, rig: Path) -> None:
     """Write recordings of six pumps, and healthy ones of another pump with a new one."""
-    build_rig(folder / "maker", seed=1, size=RigSize(specimens=6, repeats=2, duration=1.25))
+    size = RigSize(specimens=6, repeats=2, duration=1.25)
+    build_rig(folder / "maker", seed=1, size=size, version="3")
     recordings = list(load_recordings(rig / "rig", label="normal", specimen="A"))
     files = [
         write_recording(item, folder / "healthy" / f"{item.recording_id}.h5") for item in recordings

@@ -322,7 +322,12 @@ def test_an_altered_copy_of_some_channels_is_found_in_both_orders(
     signals = {str(number): channel for number, channel in enumerate(channels)}
     signals |= {f"-{number}": low_pass(channel) for number, channel in enumerate(channels)}
     recordings = [
-        Recording(np.stack([signals[name] for name in names]), 2000.0, recording_id, channels=names)
+        Recording(
+            np.stack([signals[name] for name in names]),
+            2000.0,
+            recording_id,
+            channels=tuple(names),
+        )
         for recording_id, names in (("a", earlier), ("b", later))
     ]
 

@@ -247,10 +247,17 @@ def test_nothing_is_filled_if_no_cell_is_short(recordings: list[Recording]) -> N
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        pytest.param({"fill": "some"}, "must be one of cells, points, all", id="fill"),
+        pytest.param(
+            {"fill": "some"},
+            "must be one of cells, points, all",
+            marks=pytest.mark.wrong_types,
+            id="fill",
+        ),
         pytest.param({"count": 0}, "at least 1", id="count"),
         pytest.param({"twins": ()}, "There is no twin to fill with", id="no twin"),
-        pytest.param({"twins": [3]}, "twins holds a int", id="not a twin"),
+        pytest.param(
+            {"twins": [3]}, "twins holds a int", marks=pytest.mark.wrong_types, id="not a twin"
+        ),
     ],
 )
 def test_an_invalid_filling_is_refused(arguments: dict[str, Any], reason: str) -> None:
@@ -261,7 +268,12 @@ def test_an_invalid_filling_is_refused(arguments: dict[str, Any], reason: str) -
 @pytest.mark.parametrize(
     ("faults", "reason"),
     [
-        pytest.param(3, "stands for 3, which is not a fault", id="a number"),
+        pytest.param(
+            3,
+            "stands for 3, which is not a fault",
+            marks=pytest.mark.wrong_types,
+            id="a number",
+        ),
         pytest.param("normal", "not a fault. Label healthy recordings normal", id="healthy"),
         pytest.param(("piston", "swash_plate"), "faults of one part, not for piston and", id="two"),
         pytest.param((), "not for no fault", id="none"),

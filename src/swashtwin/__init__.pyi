@@ -4,6 +4,7 @@ from . import plot as plot
 from . import presets as presets
 from .calibration import Calibration as Calibration
 from .calibration import calibrate as calibrate
+from .calibration import estimate_remaining_life as estimate_remaining_life
 from .calibration import estimate_severity as estimate_severity
 from .calibration import load_calibration as load_calibration
 from .diagnosis import AnomalyDetector as AnomalyDetector

@@ -38,6 +38,8 @@ from .result import twin_to_dict as twin_to_dict
 from .search import Calibrator as Calibrator
 from .search import GaussNewton as GaussNewton
 from .severity.law_search import identify_law as identify_law
+from .severity.remaining_life import RemainingLife as RemainingLife
+from .severity.remaining_life import estimate_remaining_life as estimate_remaining_life
 from .severity.severity_result import Severity as Severity
 from .severity.severity_result import SeveritySettings as SeveritySettings
 from .severity.severity_result import SeverityTrend as SeverityTrend

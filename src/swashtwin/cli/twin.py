@@ -1,8 +1,9 @@
 """Commands of the group twin on twins and pump files: severity, next, pump show and pump new."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,10 +28,16 @@ from swashtwin.cli.options import (
     without_none,
 )
 from swashtwin.cli.outputs import require_folder
-from swashtwin.foundation import parse_quantity, plural, shell_command
+from swashtwin.foundation import DataError, parse_quantity, plural, shell_command
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import Calibration, CandidateRecording, RecordingPlan, SeverityTrend
+    from swashtwin.calibration import (
+        Calibration,
+        CandidateRecording,
+        RecordingPlan,
+        RemainingLife,
+        SeverityTrend,
+    )
     from swashtwin.pump import Fault, Pump
     from swashtwin.recordings import Recording, Recordings
 
@@ -362,6 +369,14 @@ def severity(
             callback=require_index,
         ),
     ] = None,
+    limit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="QUANTITY",
+            help='Severity at which the pump has to be stopped, such as "200 um": the time until '
+            "then is estimated from the dates of the recordings.",
+        ),
+    ] = None,
     specimen: Specimen = None,
     as_json: Json = False,
 ) -> None:
@@ -372,7 +387,12 @@ def severity(
     they are given. Calibrate with --band "0-1 kHz", the band in which severities are estimated, and
     with phases, which is the default.
     """
-    from swashtwin.calibration import estimate_severity, get_severity_search, load_calibration
+    from swashtwin.calibration import (
+        estimate_remaining_life,
+        estimate_severity,
+        get_severity_search,
+        load_calibration,
+    )
     from swashtwin.pump import read_fault
     from swashtwin.recordings import load_recordings, summarize_recordings
 
@@ -382,6 +402,7 @@ def severity(
         raise typer.BadParameter(
             "must be a fault with a severity, such as swash_plate.", param_hint="--fault"
         )
+    limit_value = None if limit is None else _read_limit(kind, defect, limit)
 
     healthy_calibration = load_calibration(calibration)
     recordings = load_recordings(source, specimen=specimen)
@@ -392,6 +413,7 @@ def severity(
     )
     if healthy is not None:
         healthy_recordings += _further_healthy(healthy, specimen, healthy_recordings)
+    times = {} if limit is None else _dates_of(worn_recordings)
 
     free_dimensions = [
         name for name in get_severity_search(defect).default_free if name not in fixed_dimensions
@@ -404,6 +426,11 @@ def severity(
             healthy=healthy_recordings,
             free=free_dimensions,
         )
+    life = None
+    if limit_value is not None:
+        dates_of_estimates = [times[estimate.recording_id] for estimate in trend.estimates]
+        life = estimate_remaining_life(trend, dates_of_estimates, limit_value)
+
     healthy_ids = [recording.recording_id for recording in healthy_recordings]
     dates = {
         recording.recording_id: summarize_recordings([recording]).date
@@ -412,7 +439,54 @@ def severity(
     result = {**trend.to_dict(), "healthy": healthy_ids}
     for row in result["estimates"]:
         row["date"] = dates[row["recording_id"]]
-    print_result(result, as_json, lambda: _print_severity(trend, len(healthy_ids), dates))
+    if life is not None:
+        result["remaining_life"] = life.to_dict()
+
+    def print_all() -> None:
+        _print_severity(trend, len(healthy_ids), dates)
+        if life is not None:
+            _print_remaining_life(trend, life)
+
+    print_result(result, as_json, print_all)
+
+
+def _read_limit(kind: str, fault: "Fault", text: str) -> float:
+    """Return the limit of a fault's severity [SI]."""
+    from swashtwin.calibration import get_severity_search
+    from swashtwin.pump import read_fault
+
+    name = get_severity_search(fault).dimensions[0].name
+    at_limit = read_fault(kind, **{name: text})
+    return float(getattr(at_limit, name))
+
+
+def _dates_of(recordings: "Iterable[Recording]") -> dict[str, datetime]:
+    """Return the date of each recording by its id."""
+    from swashtwin.recordings import summarize_recordings
+
+    dates = {}
+    for recording in recordings:
+        text = summarize_recordings([recording]).date
+        try:
+            date = datetime.fromisoformat(text)
+        except ValueError:
+            problem = "no date"
+            if text:
+                problem = f"the date {text!r}, which is not like 2024-05-31 08:30"
+            raise DataError(
+                f"{recording.recording_id} has {problem}. --limit needs the date of each "
+                'recording: specify attributes = {date = "2024-05-31 08:30"} in the index.'
+            ) from None
+        # a date without a time zone is taken as UTC, so that all can be compared
+        dates[recording.recording_id] = date if date.tzinfo else date.replace(tzinfo=UTC)
+    return dates
+
+
+def _print_remaining_life(trend: "SeverityTrend", life: "RemainingLife") -> None:
+    dimension = trend.estimates[0].severity.dimension
+    limit = f"{dimension.name} {dimension.format_value(life.limit)}"
+    since = "" if life.as_of is None else f", from {life.as_of:%Y-%m-%d %H:%M}"
+    print_text(f"remaining time until {limit}{since} (90 % interval): {life.text}")
 
 
 def _warn_of_other_machine(

@@ -46,6 +46,7 @@ STUDIES = {
     "detector": "false alarms and detected faults of a detector trained on healthy recordings, "
     "two of twenty contaminated",
     "calibration": "errors on held-out recordings, coverage and cost of each calibration method",
+    "life": "time until a growing fault reaches a limit, against the true course of wear",
     "severity": "severity by inversion against the true dimensions, by fault and dimension",
     "wrong-twins": "wrong twins and unusual pumps: do identified values hold, and is there a "
     "warning?",

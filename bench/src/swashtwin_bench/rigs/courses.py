@@ -150,7 +150,12 @@ class PlantCourse:
 
 
 def plant_course(
-    seed: int, specimen: str, course: PlantCourse, *, batch: int = 30
+    seed: int,
+    specimen: str,
+    course: PlantCourse,
+    *,
+    severities: Sequence[float] | None = None,
+    batch: int = 30,
 ) -> Iterator[tuple[Recording, float]]:
     """Yield the recordings of a course in order of time, each with its severity.
 
@@ -160,12 +165,14 @@ def plant_course(
     ----------
     seed : number of the fleet.
     specimen : name of the pump, such as ``"A"``.
+    severities : severity of each recording over the typical one; the growth of `course` by default.
     batch : recordings computed together; the samples do not depend on it.
     """
     rig = VERSIONS[course.version]
     pump = rig.draw_specimen(load_pump("25scy14-1b"), specimen, seed)
     typical = None if course.kind is None else typical_faults(course.version)[course.kind]
-    severities = course.severities()
+    if severities is None:
+        severities = [float(severity) for severity in course.severities()]
 
     course_name = f"{specimen}_{course.kind or 'normal'}_course"
     conditions = _draw_conditions(seed, course_name, course, rig.speeds[0])
@@ -176,7 +183,7 @@ def plant_course(
         for number in numbers:
             fault = None
             if typical is not None and severities[number] > 0:
-                fault = typical.scaled(float(severities[number]))
+                fault = typical.scaled(severities[number])
             runs.append(Run(pump, conditions[number], fault))
 
         names = [f"{course_name}_{number + 1:04d}" for number in numbers]
@@ -194,7 +201,7 @@ def plant_course(
                 speed=rig.speeds[0],
                 version=course.version,
             )
-            yield recording, float(severities[number])
+            yield recording, severities[number]
 
 
 def _draw_conditions(

@@ -17,6 +17,7 @@ from swashtwin_bench.questions.alarms import AlarmStudySettings, alarms
 from swashtwin_bench.questions.calibration import CalibrationStudySettings, calibration
 from swashtwin_bench.questions.detector import DetectorStudySettings, detector
 from swashtwin_bench.questions.library import LibrarySettings, library
+from swashtwin_bench.questions.life import LifeStudySettings, life
 from swashtwin_bench.questions.severity import SeverityStudySettings, severity
 from swashtwin_bench.questions.wrong_twin_study import WrongTwinSettings, wrong_twins
 from swashtwin_bench.questions.zero_shot import ZeroShotSettings, zero_shot
@@ -55,6 +56,7 @@ QUESTIONS: Mapping[str, Question] = MappingProxyType(
         "alarms": Question(alarms, AlarmStudySettings),
         "calibration": Question(calibration, CalibrationStudySettings),
         "detector": Question(detector, DetectorStudySettings),
+        "life": Question(life, LifeStudySettings),
         "severity": Question(severity, SeverityStudySettings),
         "wrong-twins": Question(wrong_twins, WrongTwinSettings),
         "zero-shot": Question(zero_shot, ZeroShotSettings, "recordings"),

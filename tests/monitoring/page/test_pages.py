@@ -17,6 +17,7 @@ from swashtwin.diagnosis import next_checks
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.page.axis import Axis
 from swashtwin.monitoring.page.charts import HEIGHT
+from swashtwin.monitoring.page.watch_page import build_watch_page
 
 
 def send(client: TestClient, address: str, **values: object):
@@ -57,8 +58,6 @@ def test_the_overview_shows_the_most_urgent_machine_first_and_filters_by_state_o
 
 
 def test_a_machine_that_sent_nothing_yet_is_shown(plant, client: TestClient) -> None:
-    from swashtwin.monitoring.page.watch_page import build_watch_page
-
     machine = replace(plant.config.machines[0], name="pump-8")
     config = replace(plant.config, machines=(*plant.config.machines, machine))
     client = TestClient(build_watch_page(config, plant.history), base_url="http://127.0.0.1")
@@ -143,6 +142,26 @@ def test_an_alarm_with_a_suspect_shows_how_such_a_fault_acts(client: TestClient,
 
     assert "data-content" not in client.get("/alarms/1").text
     assert client.get("/alarms/1/pump").status_code == 204
+
+
+def test_pressures_are_shown_in_the_unit_of_the_configuration(plant) -> None:
+    config = replace(plant.config, pressure_unit="bar")
+    page = build_watch_page(config, plant.history)
+    client = TestClient(page, base_url="http://127.0.0.1:8642")
+    recording_id = newest_recording(plant, "pump-1")
+    trend = {"channel": "", "indicator": "pressure"}
+
+    for address in ("/", "/alarms", "/alarms/1", f"/recordings/{recording_id}", "/log"):
+        assert " MPa" not in client.get(address).text
+    assert "1500 rpm, 150 bar" in client.get("/alarms/1").text
+    assert "<dd>150 bar</dd>" in client.get(f"/recordings/{recording_id}").text
+
+    # The form keeps the name under which the history stores an operating point.
+    text = client.get("/machines/pump-1", params=trend).text
+    assert '<option value="1500 rpm, 15 MPa" selected>1500 rpm, 150 bar</option>' in text
+    assert "Discharge pressure [bar]" in text
+    low, high = map(float, drawings(text)[1].get("data-y").split())
+    assert low < 150 < high
 
 
 def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(

@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 from msgspec import Meta, Struct, field
 from msgspec.structs import force_setattr
 
+from swashtwin.monitoring.config.pressure_unit import PressureUnit
 from swashtwin.pump import load_pump
 
 Text = Annotated[str, Meta(min_length=1, pattern=r"\S")]
@@ -365,6 +366,8 @@ class WatchConfig(Entries, frozen=True, kw_only=True):
     channels: tuple[Channel, ...] = field(name="channel", default=())
     retention: Retention = Retention()
     page: PageSettings = PageSettings()
+    pressure_unit: PressureUnit = "MPa"
+    """Unit of absolute pressures on the page and in messages."""
 
     @property
     def history_url(self) -> str:

@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Annotated, Any
@@ -12,7 +13,9 @@ from markupsafe import Markup
 from starlette.responses import HTMLResponse, Response
 
 from swashtwin.diagnosis import Check
+from swashtwin.foundation import rpm
 from swashtwin.monitoring.alarms.baseline import baseline_band_powers
+from swashtwin.monitoring.config.pressure_unit import PASCALS, PressureUnit, convert_pressures
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.schema import Alarm, Judgment
 from swashtwin.monitoring.page.advice import (
@@ -200,7 +203,7 @@ class Pages:
         if baseline is not None:
             band = f"Healthy baseline ± {BAND_SPREADS:g} spreads"
 
-        title, _ = VERDICT_NAMES.get(indicator, ("", ""))
+        title = VERDICT_NAMES.get(indicator, "")
         if channel:
             title = f"{channel}: {indicator}"
         return {
@@ -211,7 +214,7 @@ class Pages:
             "indicators": groups,
             "points": points,
             "trend_title": title,
-            "verdict_names": {name: title for name, (title, _) in VERDICT_NAMES.items()},
+            "verdict_names": VERDICT_NAMES,
             "trend": self._draw_trend(machine.name, channel, indicator, point, baseline),
             "band": band,
         }
@@ -232,11 +235,26 @@ class Pages:
             for alarm in self._reader.alarms(machine, limit=_PAST_ALARMS)
             if point in ("", alarm.point)
         ]
-        title, unit = VERDICT_NAMES.get(indicator, (indicator, "dB"))
+        size, unit = self._unit_of(channel, indicator)
         limit = None
         if indicator == "capital":
             limit = self._site.alarm_capital
-        return draw_trend(trend, title, unit, alarms, baseline=baseline, limit=limit)
+        return draw_trend(
+            replace(trend, values=trend.values / size),
+            VERDICT_NAMES.get(indicator, indicator),
+            unit,
+            alarms,
+            baseline=baseline,
+            limit=limit,
+        )
+
+    def _unit_of(self, channel: str, indicator: str) -> tuple[float, str]:
+        """Return the unit in which an indicator is shown, and its size in the history's unit."""
+        if channel:
+            return 1.0, "dB"
+        pressure_unit = self._site.config.pressure_unit
+        units = {"speed": (rpm(1), "rpm"), "pressure": (PASCALS[pressure_unit], pressure_unit)}
+        return units.get(indicator, (1.0, ""))
 
     def recording(self, request: Request, identity: int) -> HTMLResponse:
         """Show one recording: verdict, evidence, spectrum, facts."""
@@ -267,7 +285,7 @@ class Pages:
             alarms=alarms,
             checks=checks_of_recording(judgment),
             limit=self._site.alarm_capital,
-            facts=_facts(judgment),
+            facts=_facts(judgment, self._site.config.pressure_unit),
             spectra=self._spectra(judgment.id, judgment.waveform is not None, healthy),
             healthy=healthy_caption,
             earlier=earlier,
@@ -383,17 +401,17 @@ def _largest_change(alarms: Sequence[Alarm]) -> tuple[str, str] | None:
     return largest["channel"], indicator_name(largest["band"])
 
 
-def _facts(judgment: Judgment) -> Sequence[tuple[str, str]]:
-    speed_rpm = None
+def _facts(judgment: Judgment, pressure_unit: PressureUnit) -> Sequence[tuple[str, str]]:
+    shown_speed = None
     if judgment.speed is not None:
-        speed_rpm = judgment.speed * 30 / math.pi
-    pressure_mpa = None
+        shown_speed = judgment.speed / rpm(1)
+    shown_pressure = None
     if judgment.pressure is not None:
-        pressure_mpa = judgment.pressure / 1e6
+        shown_pressure = judgment.pressure / PASCALS[pressure_unit]
     return (
-        ("Operating point", judgment.point or NO_VALUE),
-        ("Speed", f"{number(speed_rpm, 4)} rpm"),
-        ("Discharge pressure", f"{number(pressure_mpa)} MPa"),
+        ("Operating point", convert_pressures(judgment.point or NO_VALUE, pressure_unit)),
+        ("Speed", f"{number(shown_speed, 4)} rpm"),
+        ("Discharge pressure", f"{number(shown_pressure)} {pressure_unit}"),
         ("Duration", f"{number(judgment.duration)} s"),
         ("Sample rate", f"{number(judgment.sample_rate, 5)} Hz"),
         ("Channels", ", ".join(judgment.channels)),

@@ -4,7 +4,7 @@ import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 from urllib.parse import quote, urlencode
@@ -15,6 +15,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse
 
 from swashtwin.foundation import VERSION, load_templates
+from swashtwin.monitoring.config.pressure_unit import PressureUnit, convert_pressures
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.reading import MachineOverview
@@ -62,7 +63,7 @@ class Site:
         if request.url.query:
             page_address += f"?{request.url.query}"
         html = (
-            _templates()
+            _templates(self.config.pressure_unit)
             .get_template(template)
             .render(
                 visitor=visitor,
@@ -124,8 +125,9 @@ def _require(row: Row | None, name: str) -> Row:
 
 
 @cache
-def _templates() -> Environment:
+def _templates(pressure_unit: PressureUnit) -> Environment:
     environment = load_templates("swashtwin.monitoring.page")
+    environment.filters["in_unit"] = partial(convert_pressures, unit=pressure_unit)
     environment.filters["segment"] = _quote_segment
     environment.globals.update(
         version=VERSION,

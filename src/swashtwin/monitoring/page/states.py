@@ -18,18 +18,18 @@ RECORDING_STATES: Mapping[str, str] = MappingProxyType(
 )
 """Name of each state of a recording."""
 
-VERDICT_NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
+VERDICT_NAMES: Mapping[str, str] = MappingProxyType(
     {
-        "capital": ("Evidence", ""),
-        "alarm_p": ("p-value of the healthy baseline", ""),
-        "probability": ("Probability of the verdict", ""),
-        "confidence": ("Agreement of the windows", ""),
-        "ood_p": ("p-value of the training recordings", ""),
-        "speed": ("Speed", "rad/s"),
-        "pressure": ("Discharge pressure", "Pa"),
+        "capital": "Evidence",
+        "alarm_p": "p-value of the healthy baseline",
+        "probability": "Probability of the verdict",
+        "confidence": "Agreement of the windows",
+        "ood_p": "p-value of the training recordings",
+        "speed": "Speed",
+        "pressure": "Discharge pressure",
     }
 )
-"""Name and unit of what is stored of each recording besides its indicators."""
+"""Name of what is stored of each recording besides its indicators."""
 
 VERDICT_GROUP = "Verdict and operating point"
 INDICATOR_GROUPS = (

@@ -7,6 +7,7 @@ from hashlib import sha256
 from typing import Any
 
 from swashtwin.monitoring.alarms.channels import AlarmMessage
+from swashtwin.monitoring.config.pressure_unit import convert_pressures
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.schema import Alarm
 from swashtwin.monitoring.history.transaction import MachineTransaction
@@ -33,6 +34,7 @@ class AlarmPoster:
     def __init__(self, config: WatchConfig) -> None:
         self._channels = config.channels
         self._page_address = config.page.address
+        self._pressure_unit = config.pressure_unit
 
     def post(
         self,
@@ -59,16 +61,19 @@ class AlarmPoster:
 
         message = AlarmMessage(
             machine=transaction.name,
-            point=alarm.point or "any",
+            point=self._convert(alarm.point or "any"),
             kind=alarm.kind,
             event=event,
             time=occasion.time.isoformat(),
             identity=_message_identity(event, alarm, occasion),
-            reasons=(*known_facts, *reasons),
+            reasons=tuple(self._convert(reason) for reason in (*known_facts, *reasons)),
             link=f"{self._page_address}/alarms/{alarm.id}",
         )
         for channel in self._channels:
             transaction.post(channel.name, asdict(message), alarm.id)
+
+    def _convert(self, text: str) -> str:
+        return convert_pressures(text, self._pressure_unit)
 
     def post_unreported(self, transaction: MachineTransaction, occasion: Occasion) -> None:
         """Post the alarms that were raised during a silence, now that it has ended."""

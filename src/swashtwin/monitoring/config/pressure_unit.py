@@ -1,0 +1,39 @@
+"""The unit in which a watch shows pressures, on its page and in its messages.
+
+The history keeps pascals, and sentences and names of operating points in MPa.
+"""
+
+import re
+from typing import Literal
+
+PressureUnit = Literal["MPa", "bar"]
+"""Unit of absolute pressures."""
+
+PASCALS = {"MPa": 1e6, "bar": 1e5}
+"""Size of each unit [Pa]."""
+
+_BAR_PER_MPA = 10
+
+_NUMBER = re.compile(r"[0-9.]+")
+
+# One or several values in MPa, such as "10 and 15 MPa" or "0.1 to 100 MPa".
+_PRESSURES = re.compile(r"([0-9.]+(?:(?:, | and | or | to )[0-9.]+)*) MPa\b")
+
+
+def convert_pressures(text: str, unit: PressureUnit) -> str:
+    """Return a text with its pressures in a unit; they are in MPa.
+
+    Examples
+    --------
+    >>> convert_pressures("1500 rpm, 15 MPa", "bar")
+    '1500 rpm, 150 bar'
+    >>> convert_pressures("trained: 5 and 10.5 MPa", "bar")
+    'trained: 50 and 105 bar'
+    """
+    if unit == "MPa":
+        return text
+
+    def to_bar(number: re.Match[str]) -> str:
+        return f"{_BAR_PER_MPA * float(number[0]):.4g}"
+
+    return _PRESSURES.sub(lambda match: f"{_NUMBER.sub(to_bar, match[1])} bar", text)

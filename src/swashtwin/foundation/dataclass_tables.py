@@ -97,9 +97,10 @@ def from_table(
     misfit = _different_entry(table, form) if complete else ""
     if not misfit:
         try:
-            return msgspec.convert(
+            value: T = msgspec.convert(
                 table, form, dec_hook=to_array or _array_from_lists, str_keys=True
             )
+            return value
         except msgspec.ValidationError as cause:
             misfit = _describe_misfit(str(cause), form, table)
             raise InputError(_locate(misfit, location)) from cause

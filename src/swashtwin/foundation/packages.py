@@ -57,7 +57,7 @@ def _missing(module: str, extra: str, need: str) -> MissingExtraError:
     )
 
 
-_F = TypeVar("_F", bound=Callable)
+_F = TypeVar("_F", bound=Callable[..., Any])
 
 
 def compiled(function: _F) -> _F:

@@ -14,7 +14,7 @@ Examples
 import math
 import re
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from swashtwin.foundation.errors import UnitError
 
@@ -111,10 +111,10 @@ _POWERS = {"²": "^2", "³": "^3", "⁻¹": "^-1", "**": "^"}
 
 
 @cache
-def _registry() -> "UnitRegistry":
+def _registry() -> "UnitRegistry[Any]":
     from pint import UnitRegistry
 
-    registry: UnitRegistry = UnitRegistry()
+    registry: UnitRegistry[Any] = UnitRegistry()
     registry.define("@alias turn = rev = r")
     return registry
 

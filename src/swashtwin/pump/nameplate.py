@@ -104,7 +104,8 @@ def catalog_mass(displacement: float) -> float:
     >>> round(catalog_mass(100e-6))
     42
     """
-    return 22.0 * (displacement / 45e-6) ** 0.8
+    mass: float = 22.0 * (displacement / 45e-6) ** 0.8
+    return mass
 
 
 def read_nameplate(

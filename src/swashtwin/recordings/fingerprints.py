@@ -298,7 +298,8 @@ def _power_spectrum(signs: Complex[np.ndarray, "band time"], size: int) -> np.nd
     powers = spectrum.real**2 + spectrum.imag**2
     deviations = (powers - powers.mean(axis=1, keepdims=True)).ravel()
     norm = np.linalg.norm(deviations)
-    return (deviations / max(norm, 1e-30)).astype(np.float32)
+    fingerprint: np.ndarray = (deviations / max(norm, 1e-30)).astype(np.float32)
+    return fingerprint
 
 
 def _listed_blocks(

@@ -97,7 +97,8 @@ def _mix(numbers: UInt64[np.ndarray, " pattern"]) -> UInt64[np.ndarray, " patter
     """Spread numbers over all bits (the finalizer of MurmurHash3): the smallest are a sample."""
     for factor in (0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53):
         numbers = (numbers ^ (numbers >> np.uint64(33))) * np.uint64(factor)
-    return numbers ^ (numbers >> np.uint64(33))
+    mixed: np.ndarray = numbers ^ (numbers >> np.uint64(33))
+    return mixed
 
 
 def find_shared_patterns(

@@ -156,4 +156,5 @@ def _find_lines(
     is_line = amplitude == maximum_filter1d(amplitude, _LINE_DISTANCE_BINS)
     is_line &= amplitude > _MIN_LINE_RATIO * background
     is_line &= amplitude > _MIN_RELATIVE_LINE * amplitude.max()
-    return frequency[is_low][is_line]
+    line_frequencies: np.ndarray = frequency[is_low][is_line]
+    return line_frequencies

@@ -133,7 +133,8 @@ def power_between(
     high: Float[np.ndarray, " band"],
 ) -> Float64[np.ndarray, "*batch band"]:
     """Return the power between pairs of edges, which are in lines (`power_below`)."""
-    return power_below(sums, high) - power_below(sums, low)
+    power: np.ndarray = power_below(sums, high) - power_below(sums, low)
+    return power
 
 
 def logarithmic_edges(n_lines: int, n_bands: int) -> Float64[np.ndarray, " edge"]:
@@ -164,7 +165,7 @@ def band_shares(n_lines: int, n_bands: int) -> Float[np.ndarray, "line band"]:
     upper = np.minimum(edges[1:, None], line + 0.5)
     lower = np.maximum(edges[:-1, None], line - 0.5)
 
-    shares = np.maximum(upper - lower, 0).T
+    shares: np.ndarray = np.maximum(upper - lower, 0).T
     shares.setflags(write=False)
     return shares
 
@@ -173,7 +174,9 @@ def log_band_powers(
     power: Float64[np.ndarray, "window line"], n_bands: int
 ) -> Float64[np.ndarray, "window band"]:
     """Return log10 of the power in each of the bands of `logarithmic_edges`."""
-    return np.log10(np.maximum(power @ band_shares(power.shape[1], n_bands), MIN_POWER))
+    powers = power @ band_shares(power.shape[1], n_bands)
+    log_powers: np.ndarray = np.log10(np.maximum(powers, MIN_POWER))
+    return log_powers
 
 
 SEGMENT_S = 2.0
@@ -240,7 +243,8 @@ def band_rms(
     weight = np.clip(upper - lower, 0, None)
     if of_velocity:
         weight[1:] /= (2 * np.pi * frequency[1:]) ** 2  # line 0 lies below the band
-    return np.sqrt(density @ weight)
+    rms: np.ndarray = np.sqrt(density @ weight)
+    return rms
 
 
 TURNS = 8

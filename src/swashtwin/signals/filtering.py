@@ -55,7 +55,9 @@ def add_noise(
     power = signal.var(axis=-1, keepdims=True)
     scale = np.sqrt(power * 10 ** (-snr_db / 10))
     rng = random_stream(seed, "noise" if kind == "white" else kind, float(snr_db), *purpose)
-    return signal + scale * unit_noise(signal.shape, rng, kind, sample_rate)
+    noise = unit_noise(signal.shape, rng, kind, sample_rate)
+    noisy: np.ndarray = signal + scale * noise
+    return noisy
 
 
 def unit_noise(
@@ -115,7 +117,8 @@ def _hum(
     powers = np.multiply.accumulate(np.tile(turning, (len(harmonics), 1)), axis=0)
     amplitudes = np.sqrt(2 / (1 / harmonics**2).sum()) / harmonics
     starts = np.exp(1j * phase) * amplitudes
-    return starts.real @ powers.imag + starts.imag @ powers.real
+    hum: np.ndarray = starts.real @ powers.imag + starts.imag @ powers.real
+    return hum
 
 
 MAX_UPPER_EDGE = 0.98
@@ -147,12 +150,16 @@ def band_limited(
     if high < MAX_UPPER_EDGE * nyquist:
         upper = high / nyquist
     sos = _butterworth(low / nyquist, upper)
-    return scipy.signal.sosfiltfilt(sos, signal, axis=-1)
+    filtered: np.ndarray = scipy.signal.sosfiltfilt(sos, signal, axis=-1)
+    return filtered
 
 
 @lru_cache(maxsize=256)
 def _butterworth(low: float, high: float | None) -> Float[np.ndarray, "section 6"]:
     """Return the sections of order 4 between shares of half the sample rate; None is no edge."""
+    sections: np.ndarray
     if high is None:
-        return scipy.signal.butter(4, low, "highpass", output="sos")
-    return scipy.signal.butter(4, [low, high], "bandpass", output="sos")
+        sections = scipy.signal.butter(4, low, "highpass", output="sos")
+    else:
+        sections = scipy.signal.butter(4, [low, high], "bandpass", output="sos")
+    return sections

@@ -121,7 +121,8 @@ def _standardized_spectra(
 
     moving = signal - trend
     moving /= moving.std(axis=-1, keepdims=True)
-    return scipy.fft.rfft(moving, overwrite_x=True).astype(np.complex64)
+    spectra: np.ndarray = scipy.fft.rfft(moving, overwrite_x=True)
+    return spectra.astype(np.complex64)
 
 
 def _spectral_kurtosis(

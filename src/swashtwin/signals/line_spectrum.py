@@ -75,7 +75,8 @@ class LineSpectrum:
         line_width = float(self.position[1] - self.position[0])
         tolerance = max(MARK_TOLERANCE * mark.position, 2 * line_width)
         is_near = np.abs(self.position - mark.position) <= tolerance
-        return self.amplitude[:, is_near].max(axis=1)
+        largest: np.ndarray = self.amplitude[:, is_near].max(axis=1)
+        return largest
 
 
 def spectrum_of(

@@ -39,7 +39,8 @@ class ShaftAngle:
     @property
     def speed(self) -> Float[np.ndarray, " time"]:
         """Angular speed of the shaft at each sample [rad/s]."""
-        return np.gradient(self.angle) * self.sample_rate
+        speed: np.ndarray = np.gradient(self.angle) * self.sample_rate
+        return speed
 
     @property
     def mean_speed(self) -> float:
@@ -210,7 +211,8 @@ def _interpolate_angle(
     last_rate = (marks[-1] - marks[-2]) / (pulses[-1] - pulses[-2])
     lead_in = np.minimum(sample - pulses[0], 0) * first_rate
     lead_out = np.maximum(sample - pulses[-1], 0) * last_rate
-    return angle + lead_in + lead_out
+    extended: np.ndarray = angle + lead_in + lead_out
+    return extended
 
 
 OVERSAMPLING = 4

@@ -134,7 +134,7 @@ def fourier_lines(
     >>> np.abs(fourier_lines(3 + np.cos(2 * angle))[:3]).round(12)
     array([3., 0., 1.])
     """
-    lines = transform(revolution) * (2 / revolution.shape[-1])
+    lines: np.ndarray = transform(revolution) * (2 / revolution.shape[-1])
     lines[..., 0] /= 2
     return lines
 
@@ -350,7 +350,9 @@ def synchronous_signal(
     position = np.mod(angle, 2 * np.pi) * (n_grid / (2 * np.pi))
     index = position.astype(np.int64) % n_grid
     weight = position - np.floor(position)
-    return revolution[:, index] * (1 - weight) + revolution[:, (index + 1) % n_grid] * weight
+    next_index = (index + 1) % n_grid
+    signal: np.ndarray = revolution[:, index] * (1 - weight) + revolution[:, next_index] * weight
+    return signal
 
 
 def align_waveform(

@@ -220,7 +220,8 @@ class _Line:
         phase = self.order * change + offset * (self.turn + change)
         turned = self.values * np.exp(-1j * phase)
         sos = scipy.signal.butter(4, 2 * half_width / self.per_turn, output="sos")
-        return scipy.signal.sosfiltfilt(sos, turned, axis=-1)
+        envelope: np.ndarray = scipy.signal.sosfiltfilt(sos, turned, axis=-1)
+        return envelope
 
     def strongest(
         self, change: Float[np.ndarray, " value"]

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import Any
 
 import numpy as np
 import torch
@@ -107,7 +108,7 @@ def _chunks(twins: Sequence[Twin], n_rows: int) -> Iterator[list[int]]:
     They share pump and sensor path, have similar numbers of orders, and fit in the memory. A twin
     with a turning part stays alone, because its lines are coupled.
     """
-    groups: dict[tuple, list[int]] = {}
+    groups: dict[tuple[Any, ...], list[int]] = {}
     for index, twin in enumerate(twins):
         solitary_index = index if twin.drive.turning is not None else None
         cross_talk = None if twin.path is None else twin.path.cross_talk

@@ -157,7 +157,7 @@ def _vectors_of(dataset: h5py.Dataset, field: str) -> Sequence[Column]:
         index[time_axis] = slice(start, stop)
         if channel_axis is not None:
             index[channel_axis] = slice(None)
-        block = dataset[field, *index] if field else dataset[tuple(index)]
+        block: np.ndarray = dataset[field, *index] if field else dataset[tuple(index)]
 
         if channel_axis is None:
             return block[None]

@@ -141,7 +141,8 @@ def _is_present(samples: Any) -> Bool[np.ndarray, " time"]:
     values = np.asarray(samples)
     if values.dtype.kind != "f":
         return np.ones(len(values), bool)
-    return ~np.isnan(values)
+    is_present: np.ndarray = ~np.isnan(values)
+    return is_present
 
 
 def _is_interleaved(is_present: Bool[np.ndarray, " time"]) -> bool:

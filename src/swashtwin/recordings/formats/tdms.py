@@ -90,7 +90,7 @@ def _patched_nptdms() -> Any:
 
     base: Any = nptdms.reader.TdmsReader
 
-    class Reader(base):
+    class Reader(base):  # type: ignore[misc]  # the library has no types
         def __init__(self, file: Any) -> None:
             self.history: dict[str, History] = {}
             self._sample_counts: dict[str, int] = {}

@@ -175,7 +175,7 @@ def is_batched(time: Float[np.ndarray, " time"], sample_step: float) -> bool:
         return False
     # The last batch may be incomplete.
     max_remainder = min(1.5 * steps.max(), _MAX_REMAINING_SHARE * too_long.sum())
-    return abs(float(excess.sum())) <= max_remainder
+    return bool(abs(excess.sum()) <= max_remainder)
 
 
 def find_restarts(time: Float[np.ndarray, " time"]) -> list[int]:

@@ -39,7 +39,9 @@ from .search import Calibrator as Calibrator
 from .search import GaussNewton as GaussNewton
 from .severity.law_search import identify_law as identify_law
 from .severity.remaining_life import RemainingLife as RemainingLife
+from .severity.remaining_life import SeverityPoint as SeverityPoint
 from .severity.remaining_life import estimate_remaining_life as estimate_remaining_life
+from .severity.remaining_life import extrapolate_severities as extrapolate_severities
 from .severity.severity_result import Severity as Severity
 from .severity.severity_result import SeveritySettings as SeveritySettings
 from .severity.severity_result import SeverityTrend as SeverityTrend

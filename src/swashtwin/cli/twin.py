@@ -393,7 +393,7 @@ def severity(
         get_severity_search,
         load_calibration,
     )
-    from swashtwin.pump import read_fault
+    from swashtwin.pump import read_fault, read_severity
     from swashtwin.recordings import load_recordings, summarize_recordings
 
     kind, fixed_dimensions = fault_dimensions(fault)
@@ -402,7 +402,7 @@ def severity(
         raise typer.BadParameter(
             "must be a fault with a severity, such as swash_plate.", param_hint="--fault"
         )
-    limit_value = None if limit is None else _read_limit(kind, defect, limit)
+    limit_value = None if limit is None else read_severity(kind, limit)
 
     healthy_calibration = load_calibration(calibration)
     recordings = load_recordings(source, specimen=specimen)
@@ -448,16 +448,6 @@ def severity(
             _print_remaining_life(trend, life)
 
     print_result(result, as_json, print_all)
-
-
-def _read_limit(kind: str, fault: "Fault", text: str) -> float:
-    """Return the limit of a fault's severity [SI]."""
-    from swashtwin.calibration import get_severity_search
-    from swashtwin.pump import read_fault
-
-    name = get_severity_search(fault).dimensions[0].name
-    at_limit = read_fault(kind, **{name: text})
-    return float(getattr(at_limit, name))
 
 
 def _dates_of(recordings: "Iterable[Recording]") -> dict[str, datetime]:

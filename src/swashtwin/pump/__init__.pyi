@@ -23,6 +23,7 @@ from .faults import TiltedBlockFace as TiltedBlockFace
 from .faults import ValvePlateWear as ValvePlateWear
 from .faults import fault_type as fault_type
 from .faults import read_fault as read_fault
+from .faults import read_severity as read_severity
 from .faults import register_fault as register_fault
 from .geometry import stroke_of as stroke_of
 from .labels import CLASSES as CLASSES

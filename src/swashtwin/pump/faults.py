@@ -370,6 +370,28 @@ def fault_type(name: str) -> type[Fault]:
     return kinds[name]
 
 
+def read_severity(kind: str, text: str) -> float:
+    """Return a severity of a kind of fault, such as a clearance, from its quantity [SI].
+
+    Raises
+    ------
+    InputError
+        Unknown kind, a kind without a fault, or an impossible number.
+    UnitError
+        No unit, or one of another dimension.
+
+    Examples
+    --------
+    >>> round(read_severity("piston", "200 um") * 1e6)
+    200
+    """
+    typical = read_fault(kind)
+    if typical is None:
+        raise InputError(f"{kind!r} is no fault with a severity; name one, such as piston.")
+    name = fields(typical)[0].name
+    return float(getattr(read_fault(kind, **{name: text}), name))
+
+
 def read_fault(kind: str, **dimensions: str) -> Fault | None:
     """Return the typical fault of a kind with some dimensions replaced; None is a healthy pump.
 

@@ -297,6 +297,41 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
             measure(**facts)
 
 
+def test_severities_of_an_alarm_tell_how_long_the_pump_lasts() -> None:
+    machine = Machine(
+        name="pump-1",
+        pistons=PISTONS,
+        calibration=Path("any.json"),
+        severity_limits={"piston": "200 um"},
+    )
+    course: tuple[dict[str, Any], ...] = ()
+    for week in range(6):
+        time = START + timedelta(days=7 * week)
+        point = {
+            "kind": "piston",
+            "value": 40e-6 * 1.1**week,
+            "verdict": "identified",
+            "repeatability": 0.03,
+            "log_std": 0.09,
+        }
+        request = SeverityRequest(machine, "piston", Path("x.h5"), time=time, course=course)
+        answer = request._follow("Severity.", point)
+        course = tuple(answer["course"])
+        if week == 0:
+            assert "not yet known: 4 severities" in answer["sentence"]
+
+    assert len(course) == 6
+    low, high = answer["remaining_life"]["interval"]
+    # 40 um grows by 10 % in a week: 17 weeks to 200 um
+    assert low < 7 * (np.log(5) / np.log(1.1) - 5) < high
+    assert answer["sentence"].startswith("Severity. Remaining time until 200 um (90 % interval): ")
+
+    # another kind of fault begins another course
+    leak = {**point, "kind": "scratched_valve_plate"}
+    request = SeverityRequest(machine, "valve_plate", Path("x.h5"), time=time, course=course)
+    assert [entry["kind"] for entry in request._follow("", leak)["course"]] == [leak["kind"]]
+
+
 def test_a_finding_is_refused_if_the_machine_had_no_alarm(tmp_path: Path) -> None:
     config = watch_config(tmp_path)
     refusal = run("watch", "event", config.path, "pump-1", "--found", "air", code=3)

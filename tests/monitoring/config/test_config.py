@@ -75,6 +75,25 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ("piston = '200'", "severity_limits: piston: .*200"),
+        ("pistn = '200 um'", "did you mean 'piston'|piston"),
+        ("normal = '200 um'", "no fault with a severity"),
+    ],
+)
+def test_a_limit_of_a_severity_is_checked_when_the_file_is_read(
+    write: Write, tmp_path: Path, limits: str, message: str
+) -> None:
+    (tmp_path / "a.json").write_text("{}", encoding="utf-8")
+    machine = (
+        f"[[machine]]\nname='p'\npistons=9\ncalibration='a.json'\nseverity_limits = {{{limits}}}"
+    )
+    with pytest.raises(SwashTwinError, match=message):
+        load_watch_config(write(SMALL + machine), {})
+
+
+@pytest.mark.parametrize(
     ("addition", "message"),
     [
         # the file as a whole, and slips of the pen in names of entries
@@ -98,6 +117,10 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
         ("[[machine]]\nname='p'\nlibrary='m.safetensors'", "library: the file .* does not exist"),
         # the file of the configuration is one of another kind
         ("[[machine]]\nname='p'\nlibrary='watch.toml'", "library: .* is an index of recordings"),
+        (
+            "[[machine]]\nname='p'\nseverity_limits = {piston = '200 um'}",
+            "severity_limits needs a calibration",
+        ),
         ("[[machine]]\nname='p'\ncalibration='m.json'", "specify pump or pistons too"),
         ("[[machine]]\nname='p'\npump='25scy14-1b'\npistons=9", "specify only one of the two"),
         ("[[machine]]\nname='p'\nchannels=['x', 'x']", "contains a name twice"),

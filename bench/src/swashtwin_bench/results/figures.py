@@ -364,12 +364,13 @@ def draw_confusions(study: StudyResult, key: str) -> Drawing:
             matrices[cell] = matrices.get(cell, 0) + np.array(row["confusion"])
 
     n_rows = len(set(ranked))
-    shown = ""
+    selection_note = ""
     if n_rows > len(selected):
-        shown = f" Shown are the first row and the {len(selected) - 1} most accurate of {n_rows}."
+        n_others = len(selected) - 1
+        selection_note = f" Shown are the first row and the {n_others} most accurate of {n_rows}."
     caption = (
         "Windows of each actual class in percent, summed over "
-        f"{plural(len(study.seeds), 'seed')}; rows add up to 100.{shown}"
+        f"{plural(len(study.seeds), 'seed')}; rows add up to 100.{selection_note}"
     )
     return draw_confusion(f"{key}_confusion", matrices, study.classes, caption=caption)
 

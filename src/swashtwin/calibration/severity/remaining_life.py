@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from swashtwin.calibration.posterior import COVERAGE
-from swashtwin.calibration.severity.severity_result import SeverityTrend
+from swashtwin.calibration.severity.severity_result import SeverityTrend, SeverityVerdict
 from swashtwin.foundation import InputError, plural
 
 MIN_SEVERITIES = 4
@@ -54,6 +54,22 @@ _NEGLIGIBLE = 12.0
 
 # Nodes and weights of the error that all severities have in common: that of the law of the fault.
 _ERROR_NODES, _ERROR_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+
+
+@dataclass(frozen=True)
+class SeverityPoint:
+    """Severity of a growing fault at one time."""
+
+    date: datetime
+    """Date of the recording."""
+    value: float
+    """Severity [SI]."""
+    verdict: SeverityVerdict
+    """How well it is known."""
+    repeatability: float
+    """Standard deviation of its logarithm from recording to recording."""
+    log_std: float
+    """Standard deviation of its logarithm, with what all severities of the fault have in common."""
 
 
 @dataclass(frozen=True)
@@ -121,28 +137,48 @@ def estimate_remaining_life(
     InputError
         The limit is not a positive number, or the number of dates is not that of the severities.
     """
-    if not (math.isfinite(limit) and limit > 0):
-        raise InputError(f"the limit of the severity ({limit:g}) must be a positive number.")
     if len(dates) != len(trend.estimates):
         raise InputError(
             f"{plural(len(dates), 'date')} for {len(trend.estimates)} severities: give one each."
         )
 
+    points = [
+        SeverityPoint(
+            date,
+            estimate.severity.value,
+            estimate.severity.verdict,
+            estimate.repeatability,
+            estimate.severity.log_std,
+        )
+        for date, estimate in zip(dates, trend.estimates, strict=True)
+    ]
+    return extrapolate_severities(points, limit)
+
+
+def extrapolate_severities(points: Sequence[SeverityPoint], limit: float) -> RemainingLife:
+    """Return the time until the severity of a fault reaches a limit; see
+    `estimate_remaining_life`.
+
+    Raises
+    ------
+    InputError
+        The limit is not a positive number.
+    """
+    if not (math.isfinite(limit) and limit > 0):
+        raise InputError(f"the limit of the severity ({limit:g}) must be a positive number.")
+
     used = sorted(
-        (
-            (date, estimate)
-            for date, estimate in zip(dates, trend.estimates, strict=True)
-            if estimate.severity.verdict in _USED_VERDICTS
-        ),
-        key=lambda pair: pair[0],
+        (point for point in points if point.verdict in _USED_VERDICTS),
+        key=lambda point: point.date,
     )
     if not used:
         return _unknown(limit, None, 0, 0.0, "no severity is identified")
 
-    last_date = used[-1][0]
-    days = np.array([(date - last_date).total_seconds() for date, _ in used]) / _SECONDS_PER_DAY
+    last_date = used[-1].date
+    seconds = np.array([(point.date - last_date).total_seconds() for point in used])
+    days = seconds / _SECONDS_PER_DAY
     observed_days = float(days[-1] - days[0])
-    values = np.array([estimate.severity.value for _, estimate in used])
+    values = np.array([point.value for point in used])
     if values[-1] >= limit:
         return RemainingLife(limit, last_date, len(used), observed_days, 0.0, None, "")
     if len(used) < MIN_SEVERITIES or observed_days <= 0:
@@ -152,8 +188,8 @@ def estimate_remaining_life(
         )
         return _unknown(limit, last_date, len(used), observed_days, reason)
 
-    scatter = np.array([max(estimate.repeatability, _MIN_SCATTER) for _, estimate in used])
-    total = np.array([estimate.severity.log_std for _, estimate in used])
+    scatter = np.array([max(point.repeatability, _MIN_SCATTER) for point in used])
+    total = np.array([point.log_std for point in used])
     common = float(np.sqrt(np.median(np.maximum(total**2 - scatter**2, 0.0))))
     low, median, high = life_quantiles(days, values, scatter, common, limit)
     if high > MAX_EXTRAPOLATION * observed_days:

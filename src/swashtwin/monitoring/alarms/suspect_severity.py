@@ -4,8 +4,10 @@ That takes minutes, and memory that would not be returned to the system.
 """
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +15,14 @@ from swashtwin.foundation import DataError, SwashTwinError, run_in_child
 from swashtwin.monitoring.alarms.operating_point import OperatingPoint
 from swashtwin.monitoring.alarms.suspect import describe_class
 from swashtwin.monitoring.config.settings import Machine
-from swashtwin.pump import FAULT_KINDS, Fault, load_pump
+from swashtwin.pump import FAULT_KINDS, Fault, load_pump, read_severity
 from swashtwin.recordings import Recording, load_recordings
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Calibration, SeverityTrend
 
+N_POINTS = 60
+"""Newest severities of an alarm that are kept: what is older says little about the growth now."""
 MEASURE_TIMEOUT_S = 1200.0
 """Time limit for measuring a severity, which takes some minutes."""
 _log = logging.getLogger("swashtwin.watch")
@@ -36,6 +40,10 @@ class SeverityRequest:
     """File of the recording; None if its samples were not kept."""
     healthy: tuple[Path, ...] = ()
     """Files of healthy recordings of the machine at the same operating point."""
+    time: datetime | None = None
+    """When the recording was made."""
+    course: tuple[Mapping[str, Any], ...] = ()
+    """Earlier severities of the same alarm, each as ``course`` of an answer holds them."""
 
     def measure(self) -> dict[str, Any]:
         """Return severity, 90 % interval, detection limit and doubts, as JSON can hold them.
@@ -65,7 +73,43 @@ class SeverityRequest:
             kind: estimate_severity(calibration, [recording], fault, healthy=healthy_recordings)
             for kind, fault in faults.items()
         }
-        return _describe_best_fit(trends)
+        severity = _describe_best_fit(trends)
+        if self.time is not None:
+            severity |= self._follow(severity["sentence"], severity.pop("point"))
+        return severity
+
+    def _follow(self, sentence: str, point: dict[str, Any]) -> dict[str, Any]:
+        """Return the course of the severity with this point; and if a limit is configured, the
+        remaining time, and the sentence with it.
+        """
+        from swashtwin.calibration import SeverityPoint, extrapolate_severities
+
+        assert self.time is not None
+        kind = point["kind"]
+        # another kind of fault has another dimension
+        earlier = [before for before in self.course if before["kind"] == kind]
+        course = [*earlier, {"time": self.time.isoformat(), **point}][-N_POINTS:]
+        if kind not in self.machine.severity_limits:
+            return {"course": course}
+
+        limit = self.machine.severity_limits[kind]
+        points = [
+            SeverityPoint(
+                datetime.fromisoformat(entry["time"]),
+                entry["value"],
+                entry["verdict"],
+                entry["repeatability"],
+                # JSON has no infinity
+                math.inf if entry["log_std"] is None else entry["log_std"],
+            )
+            for entry in course
+        ]
+        life = extrapolate_severities(points, read_severity(kind, limit))
+        return {
+            "course": course,
+            "remaining_life": life.to_dict(),
+            "sentence": f"{sentence} Remaining time until {limit} (90 % interval): {life.text}.",
+        }
 
     def _load(self, path: Path, label: str | None) -> Recording:
         recording = load_recordings(path)[0]
@@ -161,6 +205,13 @@ def _describe_best_fit(trends: Mapping[str, "SeverityTrend"]) -> dict[str, Any]:
         "interval": [end / unit_scale for end in severity.interval],
         "detection_limit": limit,
         "misfit": estimate.misfit,
+        "point": {
+            "kind": best_kind,
+            "value": severity.value,
+            "verdict": severity.verdict,
+            "repeatability": estimate.repeatability,
+            "log_std": severity.log_std if math.isfinite(severity.log_std) else None,
+        },
     }
 
 

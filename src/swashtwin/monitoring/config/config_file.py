@@ -36,7 +36,7 @@ from swashtwin.monitoring.config.settings import (
     WatchConfig,
 )
 from swashtwin.monitoring.config.time_zones import read_zone
-from swashtwin.pump import load_pump
+from swashtwin.pump import load_pump, read_severity
 
 # Start of an error message about an entry of a list, such as `source[0].`.
 _LIST_INDEX = re.compile(r"^(\w+)\[(\d+)\](?:\.|: )")
@@ -225,6 +225,7 @@ def _check_machine(machine: Machine) -> None:
     if machine.library is not None:
         _require_file("library", machine.library)
         _require_library(machine.library)
+    _check_severity_limits(machine.severity_limits)
     if machine.tags_zone is not None:
         try:
             read_zone(machine.tags_zone)
@@ -233,6 +234,14 @@ def _check_machine(machine: Machine) -> None:
     # A pump that cannot be loaded must fail now, not at the first alarm.
     if machine.pump is not None:
         load_pump(machine.pump)
+
+
+def _check_severity_limits(limits: Mapping[str, str]) -> None:
+    for kind, limit in limits.items():
+        try:
+            read_severity(kind, limit)
+        except SwashTwinError as cause:
+            raise cause.with_context(f"severity_limits: {kind}: ") from cause
 
 
 def _require_library(path: Path) -> None:

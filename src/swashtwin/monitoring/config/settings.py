@@ -128,6 +128,10 @@ class Machine(Entries, frozen=True, kw_only=True):
     """
     calibration: Path | None = None
     """Calibration on healthy recordings of the pump; it measures the severity of the suspect."""
+    severity_limits: dict[Text, Text] = {}
+    """Severity at which the pump has to be stopped, by kind of fault: ``{piston = "200 um"}``; the
+    remaining time until then is estimated.
+    """
     channels: tuple[Text, ...] = ()
     """Channels that each recording must have, in this order; empty: those of the first
     recording.
@@ -163,6 +167,8 @@ class Machine(Entries, frozen=True, kw_only=True):
             raise ValueError(
                 "calibration measures the severity of a suspect; specify pump or pistons too"
             )
+        if self.severity_limits and self.calibration is None:
+            raise ValueError("severity_limits needs a calibration, which measures severities")
 
     @property
     def piston_count(self) -> int | None:

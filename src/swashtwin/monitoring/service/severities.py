@@ -60,7 +60,7 @@ class SeverityMeasurer:
             suspect = alarm.evidence["suspect"]
             judgment = self._history.reader.recording(suspect["recording"])
             assert judgment is not None
-            severity = measure_severity(self._request(machine, suspect["label"], judgment))
+            severity = measure_severity(self._request(machine, alarm, judgment))
 
             # The stop may have ended the measuring process too, and an error is no severity.
             if stop.is_set():
@@ -108,7 +108,7 @@ class SeverityMeasurer:
         newest_score = newest_judgment.reasons["score"]
         return bool(newest_score >= SCORE_GROWTH * measured_score)
 
-    def _request(self, machine: Machine, label: str, judgment: Judgment) -> SeverityRequest:
+    def _request(self, machine: Machine, alarm: Alarm, judgment: Judgment) -> SeverityRequest:
         folder = self._history.waveforms.folder
         recording = None
         if judgment.waveform:
@@ -116,9 +116,11 @@ class SeverityMeasurer:
         healthy_files = self._history.reader.healthy_files(judgment, N_HEALTHY_RECORDINGS)
         return SeverityRequest(
             machine,
-            label,
+            alarm.evidence["suspect"]["label"],
             recording=recording,
             healthy=tuple(folder / name for name in healthy_files.values()),
+            time=judgment.time,
+            course=tuple(alarm.evidence.get("severity", {}).get("course", ())),
         )
 
     def _record(self, alarm: Alarm, judgment: Judgment, severity: Mapping[str, Any]) -> None:

@@ -68,6 +68,109 @@ def test_a_progress_bar_shows_codes_and_takes_no_markup(
     assert not (CONTROLS - {"\x1b"}) & set(printed)
 
 
+class Clock:
+    """Time that passes only when a test says so."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(console, "time", clock)
+    return clock
+
+
+def test_a_log_states_how_long_it_takes_after_the_first_unit_of_work(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with console.progress("training") as bar:
+        bar(0, 10)
+        clock.now = 30.0
+        bar(1, 10)
+        clock.now = 60.0
+        bar(2, 10, "training, loss 0.1")
+
+    assert capsys.readouterr().err.splitlines() == [
+        "training: 1 of 10, about 4 min of 5 min left",
+        "training, loss 0.1: 2 of 10, about 4 min of 5 min left",
+    ]
+
+
+def test_units_of_an_earlier_run_and_of_another_activity_do_not_shorten_the_estimate(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with console.progress("study") as bar:
+        clock.now = 10.0
+        bar(5, 6, "recording")
+        clock.now = 20.0
+        bar(6, 6, "recording")
+        bar(0, 3, "training")
+        clock.now = 120.0
+        bar(1, 3, "training")
+
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "recording: 5 of 6, about 10 s of 20 s left"
+    assert lines[-1] == "training: 1 of 3, about 3 min of 5 min left"
+
+
+def test_the_start_of_processes_does_not_count_for_many_units(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with console.progress("recording") as bar:
+        clock.now = 50.0
+        bar(1, 270)
+        for count in range(2, 5):
+            clock.now += 0.5
+            bar(count, 270)
+
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "recording: 1 of 270, 0 s so far"
+    assert second == "recording: 2 of 270, about 2 min of 2 min left"
+
+
+def test_a_short_command_prints_no_progress(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with console.progress("reading") as bar:
+        for count in range(5):
+            clock.now += 0.5
+            bar(count, 5)
+
+    assert capsys.readouterr().err == ""
+
+
+def test_a_log_states_that_a_long_unit_of_work_goes_on(
+    clock: Clock, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "SILENCE_S", 0.01)
+
+    with console.progress("evaluating"):
+        clock.now = 200.0
+        printed = ""
+        while not printed:
+            printed = capsys.readouterr().err
+
+    assert printed.splitlines()[0] == "evaluating: 3 min so far"
+
+
+def test_a_progress_bar_states_how_long_is_left(
+    clock: Clock, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    with console.progress("training") as bar:
+        clock.now = 30.0
+        bar(1, 10)
+
+    assert "about 4 min of 5 min left" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

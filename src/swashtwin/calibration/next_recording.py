@@ -17,7 +17,7 @@ for.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -112,6 +112,7 @@ def plan_recording(
     speeds: Sequence[float] | None = None,
     pressures: Sequence[float] | None = None,
     sensors: Sequence[Sequence[str]] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> RecordingPlan:
     """Return every combination of the given speeds, pressures and sensor sets, the most useful
     recording first.
@@ -128,6 +129,7 @@ def plan_recording(
         within the rated one.
     sensors : sets of sensors of the pump, by name; by default those of the calibration. Further
         sensors get gains, cross-talk and residues with the priors of the others.
+    progress : called with the number of computed candidates, and the most that are computed.
 
     Raises
     ------
@@ -161,7 +163,8 @@ def plan_recording(
         )
 
     with one_thread():
-        candidates, sequence = _rank_candidates(forecast, list(product(long_enough, sensor_sets)))
+        options = list(product(long_enough, sensor_sets))
+        candidates, sequence = _rank_candidates(forecast, options, progress)
     return RecordingPlan(
         total_interval_width=sum_interval_widths(calibration.estimates),
         candidates=candidates,
@@ -174,7 +177,9 @@ def plan_recording(
 
 
 def _rank_candidates(
-    forecast: "_Forecast", options: Sequence[tuple[OperatingCondition, tuple[str, ...]]]
+    forecast: "_Forecast",
+    options: Sequence[tuple[OperatingCondition, tuple[str, ...]]],
+    progress: Callable[[int, int], None] | None,
 ) -> tuple[tuple[CandidateRecording, ...], tuple[CandidateRecording, ...]]:
     """Return the candidates, the best first, and the best ones to record one after another."""
     present_covariance = forecast.covariance(forecast.present)
@@ -182,7 +187,7 @@ def _rank_candidates(
     width = sum_interval_widths(forecast.calibration.estimates)
     candidates: tuple[CandidateRecording, ...] = ()
     sequence: list[CandidateRecording] = []
-    for _ in range(MAX_SEQUENCE):
+    for round_number in range(MAX_SEQUENCE):
         evaluated = []
         for condition, channels in options:
             extended = forecast.with_recording(groups, condition, channels)
@@ -190,6 +195,9 @@ def _rank_candidates(
                 forecast, extended, condition, channels, present_covariance
             )
             evaluated.append((candidate, extended))
+            if progress is not None:
+                n_computed = round_number * len(options) + len(evaluated)
+                progress(n_computed, MAX_SEQUENCE * len(options))
         evaluated.sort(key=lambda pair: pair[0].total_interval_width)
         if not candidates:
             candidates = tuple(candidate for candidate, _ in evaluated)

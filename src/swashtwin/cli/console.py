@@ -10,6 +10,7 @@ import logging
 import math
 import re
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -31,6 +32,13 @@ MAX_SINGLE_NOTES = 3
 """Notes that differ in their numbers only and are printed one by one; more become one line."""
 PROGRESS_INTERVAL_S = 20.0
 """Time between two lines of progress in a log file, which has no bar that could be redrawn."""
+SILENCE_S = 60.0
+"""Time without a finished unit of work after which a log file gets a line that it goes on."""
+MIN_ESTIMATED_S = 10.0
+"""Duration of an activity from which a log file states at once how long it will take."""
+MAX_LONG_UNITS = 10
+"""Units of work above which each is short, so that the first one does not count: the start of
+processes may take longer."""
 
 # A number in a note, with its sign, decimals and exponent.
 _NUMBER = re.compile(r"[-+−]?\d[\d.,]*(?:e[-+]?\d+)?")
@@ -209,23 +217,98 @@ def _format_cell(value: object) -> str:
     return text
 
 
+class _Activity:
+    """What a command does now: units of work that are finished, and an estimate of the rest."""
+
+    def __init__(self, description: str) -> None:
+        self.description = description
+        self.count = 0
+        self.total = 0
+        self.begun = time.monotonic()
+        """Time at which it began: with the command, or when the previous activity ended."""
+        self.updated = self.begun
+        self.is_announced = False
+        """Whether a line has stated how long it takes."""
+        self.is_first_done = False
+        # Units that do not count: those of an earlier run of the command, and the first of many.
+        self._n_before: int | None = None
+
+    def update(self, count: int, total: int, description: str) -> None:
+        """Take over what is finished.
+
+        What follows a comma is a detail, such as a loss; another text before it is another
+        activity.
+        """
+        if description.split(",")[0] != self.description.split(",")[0]:
+            self.begun = self.updated
+            self.is_announced = False
+            self.is_first_done = False
+            self._n_before = None
+
+        self.updated = time.monotonic()
+        if self._n_before is None:
+            self._n_before = max(count - 1, 0)
+        if total > MAX_LONG_UNITS and not self.is_first_done and count > self._n_before:
+            # It took the start of the processes, too.
+            self._n_before = count
+            self.begun = self.updated
+        self.is_first_done = count > 0
+        self.description = description
+        self.count = count
+        self.total = total
+
+    def estimate(self) -> tuple[float, float] | None:
+        """Return how long the activity takes in total, and how long it still takes [s]."""
+        n_done = self.count - (self._n_before or 0)
+        if n_done < 1 or not self.total:
+            return None
+        per_unit = (self.updated - self.begun) / n_done
+        elapsed = time.monotonic() - self.begun
+        left = max(per_unit * (self.total - self.count) - (time.monotonic() - self.updated), 0.0)
+        return elapsed + left, left
+
+    def remainder(self) -> str:
+        """Return how long it takes, and how long it still takes; else how long it has taken."""
+        estimate = self.estimate()
+        if estimate is None:
+            return f"{format_duration(time.monotonic() - self.begun)} so far"
+        total, left = map(format_duration, estimate)
+        return f"about {left} of {total} left"
+
+    def line(self) -> str:
+        """Return a line of a log file."""
+        counts = f"{self.count} of {self.total}, " if self.total else ""
+        return f"{self.description}: {counts}{self.remainder()}"
+
+
+def format_duration(seconds: float) -> str:
+    """Return a duration in a unit that suits its size.
+
+    Examples
+    --------
+    >>> format_duration(41.0), format_duration(200.0), format_duration(8000.0)
+    ('41 s', '3 min', '2 h 13 min')
+    """
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    if not hours:
+        return f"{minutes} min"
+    return f"{hours} h {minutes} min"
+
+
 @contextmanager
 def progress(title: str) -> Iterator[Callable[..., None]]:
     """Show progress on standard error while the block runs.
 
     Yields a function of (count, total, optional description). On a terminal it moves a bar; without
-    one it prints a line every `PROGRESS_INTERVAL_S` seconds.
+    one it prints a line every `PROGRESS_INTERVAL_S` seconds. Both state about how long the activity
+    still takes as soon as a unit of work is finished.
     """
+    activity = _Activity(title)
     if not sys.stderr.isatty():
-        printed_at = time.monotonic()
-
-        def print_line(count: int, total: int, description: str = title) -> None:
-            nonlocal printed_at
-            if time.monotonic() - printed_at >= PROGRESS_INTERVAL_S:
-                printed_at = time.monotonic()
-                print_note(f"{description}: {count} of {total}")
-
-        yield print_line
+        with _print_progress(activity) as print_line:
+            yield print_line
         return
 
     from rich.console import Console
@@ -236,14 +319,56 @@ def progress(title: str) -> Iterator[Callable[..., None]]:
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        TextColumn("{task.fields[remainder]}", markup=False),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(escape_controls(title), total=None)
+        task = bar.add_task(escape_controls(title), total=None, remainder="")
 
         def move_bar(count: int, total: int, description: str = title) -> None:
-            bar.update(task, completed=count, total=total, description=escape_controls(description))
+            activity.update(count, total, description)
+            remainder = activity.remainder() if activity.estimate() else ""
+            bar.update(
+                task,
+                completed=count,
+                total=total,
+                description=escape_controls(description),
+                remainder=remainder,
+            )
 
         yield move_bar
+
+
+@contextmanager
+def _print_progress(activity: _Activity) -> Iterator[Callable[..., None]]:
+    """Print progress as lines; a thread prints one if nothing is finished for `SILENCE_S`."""
+    title = activity.description
+    printed_at = time.monotonic()
+    is_finished = threading.Event()
+
+    def print_activity() -> None:
+        nonlocal printed_at
+        printed_at = time.monotonic()
+        print_note(activity.line())
+
+    def print_line(count: int, total: int, description: str = title) -> None:
+        activity.update(count, total, description)
+        estimate = activity.estimate()
+        is_long = estimate is not None and estimate[0] >= MIN_ESTIMATED_S
+        is_due = time.monotonic() - printed_at >= PROGRESS_INTERVAL_S
+        if is_due or (is_long and not activity.is_announced):
+            activity.is_announced = is_long
+            print_activity()
+
+    def break_silence() -> None:
+        while not is_finished.wait(SILENCE_S / 2):
+            if time.monotonic() - printed_at >= SILENCE_S:
+                print_activity()
+
+    threading.Thread(target=break_silence, daemon=True).start()
+    try:
+        yield print_line
+    finally:
+        is_finished.set()
 
 
 def iterate_with_progress(entries: Sequence[T], title: str) -> Iterator[T]:

@@ -1,6 +1,6 @@
 """Commands of saved models: evaluate, model export, adapt and library, and twin prior."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -491,8 +491,10 @@ def library(
         marks=artifact_marks(_LIBRARY_KIND),
         force=force,
     )
-    with progress("measuring band powers"):
-        parts = [_read_library(source, pump, specimens or []) for source in sources]
+    parts = []
+    with progress("measuring band powers") as bar:
+        for source in sources:
+            parts.append(_read_library(source, pump, specimens or [], bar))
     joined = join_libraries(parts)
     machine_names = [member.name for member in joined.pumps]
     for name in specimens or []:
@@ -534,7 +536,9 @@ def _describe_machine(member: "LibraryPump") -> dict[str, Any]:
     }
 
 
-def _read_library(source: Path, pump: str, specimens: Sequence[str]) -> "ChangeLibrary":
+def _read_library(
+    source: Path, pump: str, specimens: Sequence[str], bar: Callable[[int, int], None]
+) -> "ChangeLibrary":
     """Return a saved library, or that of the recordings of an index."""
     from swashtwin.diagnosis import ChangeLibrary, measure_library
     from swashtwin.foundation import artifact_kind
@@ -559,4 +563,4 @@ def _read_library(source: Path, pump: str, specimens: Sequence[str]) -> "ChangeL
         design.rotating_group.piston_count,
         remedy="Specify the design with {pump}, or correct the speed of the recordings.",
     )
-    return measure_library(recordings, design, fault_of=declared_faults(source))
+    return measure_library(recordings, design, fault_of=declared_faults(source), progress=bar)

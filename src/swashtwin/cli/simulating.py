@@ -410,7 +410,7 @@ def _synthesize_class(
     new_speed = None if speed is None else parse_quantity(speed, "rad/s", name="--speed")
     new_pressure = None if pressure is None else parse_quantity(pressure, "Pa", name="--pressure")
 
-    with progress("synthesizing"):
+    with progress("synthesizing") as bar:
         windows = synthesis.synthesize(
             calibrated,
             synthetic_fault,
@@ -420,6 +420,7 @@ def _synthesize_class(
             speed=new_speed,
             pressure=new_pressure,
             window=job.window,
+            progress=bar,
         )
         # Measured while the progress is shown, for it takes as long as the windows.
         fidelity = windows.fidelity

@@ -89,12 +89,13 @@ def plan_next(
     ]
     sensor_sets = [split_names(text) for text in sensors or ()]
     calibrated = load_calibration(calibration)
-    with progress("computing expected widths"):
+    with progress("computing expected widths") as bar:
         plan = plan_recording(
             calibrated,
             speeds=speed_values or None,
             pressures=pressure_values or None,
             sensors=sensor_sets or None,
+            progress=bar,
         )
     print_result({"calibration": calibration, **asdict(plan)}, as_json, lambda: _print_plan(plan))
 
@@ -418,13 +419,14 @@ def severity(
     free_dimensions = [
         name for name in get_severity_search(defect).default_free if name not in fixed_dimensions
     ]
-    with progress("estimating severities"):
+    with progress("estimating severities") as bar:
         trend = estimate_severity(
             healthy_calibration,
             worn_recordings,
             defect,
             healthy=healthy_recordings,
             free=free_dimensions,
+            progress=bar,
         )
     life = None
     if limit_value is not None:

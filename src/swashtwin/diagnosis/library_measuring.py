@@ -1,6 +1,6 @@
 """Measures a library of changes on labeled recordings."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -21,6 +21,7 @@ def measure_library(
     pump: Pump,
     *,
     fault_of: Mapping[str, str] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> ChangeLibrary:
     """Return the changes of machines of one design by their faults.
 
@@ -32,6 +33,7 @@ def measure_library(
         kept as its severity.
     pump : design of the machines.
     fault_of : class that a label stands for, such as ``{"Verschleiß": "piston"}``.
+    progress : called with the number of measured machines, and of all.
 
     Raises
     ------
@@ -58,6 +60,8 @@ def measure_library(
     for machine in machines:
         members = [recording for recording in recordings if (recording.specimen or "") == machine]
         pumps.append(_measure_pump(machine, members, pump, fault_of or {}))
+        if progress is not None:
+            progress(len(pumps), len(machines))
     return ChangeLibrary(tuple(pumps))
 
 

@@ -100,6 +100,7 @@ def synthesize(
     variation: Variation = DEFAULT_VARIATION,
     background: Background = "spectrum",
     window: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> SyntheticWindows:
     """Make synthetic windows of a fault, labeled with its class.
 
@@ -126,6 +127,7 @@ def synthesize(
         see `simulate_windows`.
     window : samples per window if `like` is recordings; by default as in `FaultClassifier`
         (`default_window`).
+    progress : called with the number of finished windows, and of all.
 
     Raises
     ------
@@ -178,7 +180,7 @@ def synthesize(
         law=[law] * len(conditions),
         specimens=[machine] * len(conditions),
     )
-    windows = simulate([twin.at(condition) for condition in conditions])
+    windows = simulate([twin.at(condition) for condition in conditions], progress=progress)
 
     # The recordings of the calibration had a part in the windows: no test may meet them.
     calibrated_on = {} if calibration is None else calibration.recording_hashes
@@ -299,6 +301,7 @@ def simulate_windows(
     posterior: Sequence[Posterior | None] | None = None,
     law: Sequence[FaultLaw | None] | None = None,
     specimens: Sequence[str] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> WindowSet:
     """Make synthetic windows of twins, with the layout and the classes of `like`.
 
@@ -326,6 +329,7 @@ def simulate_windows(
         `like` has healthy windows of that machine at the twin's pressure, noise and gain are those
         of these windows alone. Without, they are those of all machines together. The windows are
         of the specimen "twin of" this machine, or of the name of the pump.
+    progress : called with the number of finished windows, and of all.
 
     Raises
     ------
@@ -374,6 +378,8 @@ def simulate_windows(
                 noise = noises[kind].draw(rng)
                 window = gains[kind][:, None] * window + _noise_factor(laws[kind], source) * noise
             signal[index] = window
+        if progress is not None:
+            progress(chunk.stop, count)
 
     return build_windows(
         signal,

@@ -150,11 +150,11 @@ def run_paper(
         return lambda _: recordings
 
     results: dict[str, StudyTable] = {}
-    for name in EXPERIMENTS:
-        if name not in experiments:
-            continue
+    selected = [name for name in EXPERIMENTS if name in experiments]
+    for number, name in enumerate(selected, 1):
+        part = work.part(f"{name} ({number} of {len(selected)})")
         if name == "identification":
-            results[IDENTIFICATION] = run_identification(work, size, fleet(RIG_VERSION))
+            results[IDENTIFICATION] = run_identification(part, size, fleet(RIG_VERSION))
             continue
 
         plan = build_plan(f"{PAPER_STUDY}{name}", size)
@@ -166,7 +166,7 @@ def run_paper(
                 f"{', '.join(plan.training_sets)}."
             )
         plan = plan.with_settings(replace(plan_settings, training_sets=sets))
-        results[plan.study] = run_plan(plan, fleet(plan.rig), work)
+        results[plan.study] = run_plan(plan, fleet(plan.rig), part)
 
     return results
 

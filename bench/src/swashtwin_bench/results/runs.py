@@ -9,7 +9,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -183,6 +183,14 @@ class Work:
         if not self.seeds:
             raise InputError("A study needs at least one seed.")
 
+    def part(self, name: str) -> "Work":
+        """Return the same work, whose progress names the part of the study that is done."""
+
+        def show_part(activity: str, finished: int, total: int) -> None:
+            self.progress(f"{name}: {activity}", finished, total)
+
+        return replace(self, progress=show_part)
+
     def map(
         self, activity: str, function: Callable[..., Any], cases: Sequence[tuple[Any, ...]]
     ) -> list[Any]:
@@ -194,7 +202,9 @@ class Work:
         """
         calls = (delayed(_run_on_one_thread)(function, *arguments) for arguments in cases)
 
-        results = []
+        results: list[Any] = []
+        if cases:
+            self.progress(activity, 0, len(cases))
         # A generator, so that progress is reported while later cases still run.
         for result in parallel(self.jobs, return_as="generator")(calls):
             results.append(result)

@@ -85,7 +85,10 @@ def run_plan(
     runs: list[Run] = []
     # Recordings that are the same under every seed are hashed once.
     data = "" if callable(source) else fingerprint_recordings(source)
-    for seed in seeds:
+    for seed_number, seed in enumerate(seeds, 1):
+        seed_work = work
+        if len(seeds) > 1:
+            seed_work = work.part(f"seed {seed_number} of {len(seeds)}")
         if callable(source):
             recordings = source(seed)
             data = fingerprint_recordings(recordings)
@@ -105,10 +108,10 @@ def run_plan(
             activity = f"{n_finished} of seed {seed} already finished"
             work.progress(activity, len(runs), tasks_per_seed * len(seeds))
 
-        trainings = _prepare_trainings(plan, recordings, seed, open_tasks, work, keep_models)
+        trainings = _prepare_trainings(plan, recordings, seed, open_tasks, seed_work, keep_models)
         # Networks first: they take longest, and should not start when the other cores are idle.
         trainings.sort(key=lambda training: not plan.model_of(training.task).is_network)
-        runs += work.map("training", _Training.run, [(training,) for training in trainings])
+        runs += seed_work.map("training", _Training.run, [(training,) for training in trainings])
 
     study = build_study(plan, runs, out=work.out)
     return replace(

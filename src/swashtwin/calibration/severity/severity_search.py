@@ -4,7 +4,7 @@ fault.
 
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Literal, NamedTuple
 
@@ -88,6 +88,7 @@ def estimate_severity(
     healthy: Iterable[Recording] = (),
     free: Sequence[str] | None = None,
     settings: SeveritySettings | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> SeverityTrend:
     """Return how severe `fault` is in each recording of one pump: value, interval, verdict,
     detection limit.
@@ -126,6 +127,7 @@ def estimate_severity(
         fault.
     free : further dimensions to search, such as ``("length",)``; ``()`` for none. The default is
         `SeveritySearch.default_free`.
+    progress : called with the number of finished recordings, and of all.
 
     Raises
     ------
@@ -146,7 +148,9 @@ def estimate_severity(
     healthy_recordings, _ = assign_single_channels(healthy_recordings, pump)
     used, excluded = _select_recordings(candidates, fault)
     with one_thread():
-        estimates = _estimate_recordings(calibration, used, space, healthy_recordings, settings)
+        estimates = tuple(
+            _estimate_recordings(calibration, used, space, healthy_recordings, settings, progress)
+        )
 
     return SeverityTrend(
         reference=fault,
@@ -217,21 +221,21 @@ def _estimate_recordings(
     space: FaultSpace,
     healthy: Sequence[Recording],
     settings: SeveritySettings,
-) -> tuple[Severity, ...]:
-    """Return the severity in each recording; if the calibration is in doubt, under all that
+    progress: Callable[[int, int], None] | None,
+) -> Iterator[Severity]:
+    """Yield the severity in each recording; if the calibration is in doubt, under all that
     explains the doubt.
     """
-    if not describe_doubt(calibration):
-        return tuple(
-            _estimate_recording(calibration, recording, space, healthy, settings)
-            for recording in recordings
-        )
-
-    explanations = explain_doubt(calibration, healthy)
-    return tuple(
-        _estimate_in_doubt(calibration, explanations, recording, space, healthy, settings)
-        for recording in recordings
-    )
+    explanations = None
+    if describe_doubt(calibration):
+        explanations = explain_doubt(calibration, healthy)
+    for number, recording in enumerate(recordings, 1):
+        if explanations is None:
+            yield _estimate_recording(calibration, recording, space, healthy, settings)
+        else:
+            yield _estimate_in_doubt(calibration, explanations, recording, space, healthy, settings)
+        if progress is not None:
+            progress(number, len(recordings))
 
 
 def _estimate_recording(

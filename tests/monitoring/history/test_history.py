@@ -61,6 +61,34 @@ def test_the_newest_scores_of_machines_come_oldest_first(history: History) -> No
     assert history.reader.newest_scores(["pump-1"], 9)["pump-1"][0].score is None
 
 
+def test_indicators_of_a_channel_are_read_as_a_table_across_layouts(history: History) -> None:
+    layouts = [
+        {("x", "a"): 1.0, ("x", "b"): 2.0, ("y", "a"): 9.0},
+        {("y", "a"): 9.0, ("x", "b"): 4.0},
+    ]
+    with history.machine("pump-1") as transaction:
+        for number, values in enumerate(layouts):
+            transaction.add_recording(judgment(number), values)
+        transaction.add_recording(judgment(2))  # a flat channel has no indicators
+
+    table = history.reader.indicator_table("pump-1", "x", ["b", "a"], point="1500 rpm, 15 MPa")
+
+    np.testing.assert_array_equal(table.values, [[2.0, 1.0], [4.0, np.nan]])
+    assert table.times.tolist() == [hour(0).replace(tzinfo=None), hour(1).replace(tzinfo=None)]
+    newest = history.reader.indicator_table("pump-1", "x", ["b"], limit=1)
+    assert newest.values.tolist() == [[4.0]]
+
+
+def test_the_score_of_recordings_has_a_trend(history: History) -> None:
+    with history.machine("pump-1") as transaction:
+        for number, score in enumerate((None, 1.5, 2.5)):
+            transaction.add_recording(judgment(number, reasons={"score": score}))
+
+    trend = history.reader.trend("pump-1", "", "score")
+
+    np.testing.assert_array_equal(trend.values, [np.nan, 1.5, 2.5])
+
+
 def test_a_recording_is_read_as_it_was_filed(history: History) -> None:
     # Every optional column has a value, and the text one outside of ASCII.
     filed = judgment(

@@ -79,7 +79,7 @@ def tab(browser, served: ServedPage) -> Iterator[object]:
 def test_the_overview_leads_to_a_machine_and_its_newest_recording(tab) -> None:
     tab.goto("/")
     tab.get_by_role("link", name="pump-1").click()
-    playwright.expect(tab.locator("figure .drawing")).to_have_count(2)
+    playwright.expect(tab.locator("figure .drawing")).to_have_count(5)
 
     recordings = tab.get_by_role("region", name="Recordings", exact=True).first
     recordings.get_by_role("link").first.click()
@@ -104,12 +104,12 @@ def test_a_chosen_indicator_is_drawn_with_its_baseline_and_leads_to_its_recordin
     tab.get_by_label("Indicator").select_option("shaft order 14")
     tab.get_by_role("button", name="Show").click()
 
-    caption = tab.locator("#trend figcaption")
-    tab.locator("#trend figcaption", has_text="y: shaft order 14").wait_for()
+    caption = tab.locator("[data-region=trend] figcaption")
+    tab.locator("[data-region=trend] figcaption", has_text="y: shaft order 14").wait_for()
     assert "Healthy baseline ± 3 spreads" in caption.inner_text()
 
     # Click at the last point of the line. Its field is 1000 units wide and begins 16 pixels down.
-    drawing = tab.locator("#trend .drawing")
+    drawing = tab.locator("[data-region=trend] .drawing")
     drawing.scroll_into_view_if_needed()
     line = drawing.locator(".main").get_attribute("d")
     x, y = (float(number) for number in line.split("L")[-1].split())
@@ -127,19 +127,32 @@ def test_a_spectrum_shows_values_zooms_by_dragging_and_goes_back(tab, served: Se
     box = drawing.bounding_box()
     middle = box["y"] + box["height"] / 2
 
-    # A quarter of half the sample rate of 6400 Hz, which is order 32 of the shaft.
+    # A quarter of the axis, which ends 10 % beyond order 28.
     tab.mouse.move(box["x"] + box["width"] / 4, middle)
-    assert "800 Hz (32" in tab.locator(".tip").inner_text()
+    assert tab.locator(".tip").inner_text().startswith("7.68× (192.0 Hz): ")
 
     tab.mouse.down()
     tab.mouse.move(box["x"] + box["width"] / 2, middle)
     tab.mouse.up()
     left, top, width, _ = field.get_attribute("viewBox").split()
     assert [round(float(number)) for number in (left, top, width)] == [250, 0, 250]
-    assert "1000" in drawing.locator(".tick").all_text_contents()
+    assert "12" in drawing.locator(".tick").all_text_contents()
 
     drawing.dblclick()
     assert field.get_attribute("viewBox").startswith("0 0 1000")
+
+
+def test_the_map_of_orders_states_time_and_order_at_the_pointer(tab) -> None:
+    tab.goto("/machines/pump-1")
+    field = tab.locator('[data-region="map"] .field')
+    field.scroll_into_view_if_needed()
+    box = field.bounding_box()
+
+    # Order 1 is the lowest of 40 rows.
+    tab.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] * 39.5 / 40)
+    assert tab.locator('[data-region="map"] .tip').inner_text().endswith(": order 1")
+    tab.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] * 0.5 / 40)
+    assert tab.locator('[data-region="map"] .tip').inner_text().endswith(": order 40")
 
 
 def test_an_acknowledgment_is_shown_on_other_open_pages_without_a_reload(

@@ -71,7 +71,10 @@ def test_a_machine_shows_its_alarm_its_most_changed_trend_and_its_recordings(
 ) -> None:
     text = client.get("/machines/pump-1").text
     assert "/alarms/1/acknowledge" in text
-    assert text.count('<svg class="drawing"') == 2
+    titles = [drawing.get("aria-label") for drawing in drawings(text)]
+    assert titles[:2] == ["Deviation [spreads]", "Evidence"]
+    assert titles[3] == "Shaft order"
+    assert titles[4].endswith("over shaft orders")
     assert f"/recordings/{newest_recording(plant, 'pump-1')}" in text
     assert re.search(r'<option value="(shaft order (7|14|21|28)|\d+ to \d+ Hz)" selected>', text)
 
@@ -160,7 +163,7 @@ def test_pressures_are_shown_in_the_unit_of_the_configuration(plant) -> None:
     text = client.get("/machines/pump-1", params=trend).text
     assert '<option value="1500 rpm, 15 MPa" selected>1500 rpm, 150 bar</option>' in text
     assert "Discharge pressure [bar]" in text
-    low, high = map(float, drawings(text)[1].get("data-y").split())
+    low, high = map(float, drawings(text)[2].get("data-y").split())
     assert low < 150 < high
 
 
@@ -319,8 +322,12 @@ def test_the_figure_of_a_band_power_has_its_healthy_band_and_its_alarm(
 ) -> None:
     query = {"channel": "x", "indicator": "shaft order 7", "point": "1500 rpm, 15 MPa"}
 
-    evidence, band_power = drawings(reader.get("/machines/pump-1", params=query).text)
+    deviation, evidence, band_power, order_map, _ = drawings(
+        reader.get("/machines/pump-1", params=query).text
+    )
+    assert field(deviation) == ["alarm", "main", "dots"]
     assert field(evidence) == ["alarm", "alarm", "main", "dots"]
+    assert field(order_map)[-2:] == ["rise-4", "alarm"]
     assert field(band_power) == ["band", "median", "alarm", "main", "dots"]
     assert len(points(band_power, "main")) == len(band_power.get("data-ids").split()) == 34
 
@@ -339,8 +346,10 @@ def test_the_figure_of_a_spectrum_lies_over_healthy_recordings_and_marks_the_pis
     assert [field(figure)[-2:] for figure in figures] == [["band", "main"]] * 3
     assert [text.text for text in figures[0] if text.get("class") == "name"][:2] == ["7×", "14×"]
 
-    # 175 Hz are seven pistons at 1500 rpm; the field is 1000 wide
-    piston_x = 1000 * 175 / float(figures[0].get("data-x").split()[1])
+    # The axis ends a little beyond the fourth line of seven pistons; the field is 1000 wide.
+    end_order = float(figures[0].get("data-x").split()[1])
+    assert 28 < end_order < 32
+    piston_x = 1000 * 7 / end_order
 
     def peak_y(kind: str) -> float:
         line = points(figures[0], kind)
@@ -350,6 +359,17 @@ def test_the_figure_of_a_spectrum_lies_over_healthy_recordings_and_marks_the_pis
     low, high = map(float, figures[0].get("data-y").split())
     decades_above_healthy = (peak_y("band") - peak_y("main")) / HEIGHT * (high - low)
     assert 10**decades_above_healthy > 2
+
+
+def test_all_frequencies_of_a_recording_are_shown_on_request(reader: TestClient) -> None:
+    text = reader.get("/recordings/34").text
+    assert 'href="?axis=frequency#spectrum"' in text
+
+    text = reader.get("/recordings/34?axis=frequency").text
+    (figure, *_) = drawings(text)
+    assert figure.get("aria-label") == "x [m/s^2] over frequency [Hz]"
+    assert figure.get("data-x").split()[1] == "3200.0"
+    assert 'href="?#spectrum"' in text
 
 
 @pytest.mark.parametrize("kind", ["", "log", "time"])

@@ -185,3 +185,12 @@ def test_a_machine_is_silent_after_a_day_and_three_of_its_intervals(
 
     assert standing.is_silent is is_silent
     assert standing.needs_attention is is_silent
+
+
+def test_columns_without_a_value_leave_the_table_of_recordings(client: TestClient) -> None:
+    text = client.get("/machines/P-101").text
+
+    headings = re.findall(r'<th scope="col"[^>]*>(.*?)</th>', text)
+    assert headings == ["Time", "State", "Deviation", "Evidence", "Operating point"]
+    # None of the newest recordings of a machine that still learns was compared.
+    assert "Deviation</th>" not in client.get("/machines/P-118").text

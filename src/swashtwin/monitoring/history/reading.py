@@ -30,6 +30,7 @@ from swashtwin.monitoring.history.waveforms import Waveforms
 from swashtwin.recordings import Recording
 
 TREND_COLUMNS = (
+    "score",
     "alarm_p",
     "capital",
     "probability",
@@ -38,7 +39,7 @@ TREND_COLUMNS = (
     "speed",
     "pressure",
 )
-"""Columns of recordings that have a trend; their channel is empty."""
+"""Values of recordings that have a trend; their channel is empty."""
 N_SEARCHED_RECORDINGS = 200
 """Newest recordings of a state among which healthy ones are searched."""
 FLOAT_BYTES = 4
@@ -93,6 +94,18 @@ class Trend:
     """Times of measurement, as datetime64 in UTC."""
     values: Float[np.ndarray, " recording"]
     """Values of the indicator; NaN if a recording has none."""
+
+
+@dataclass(frozen=True)
+class IndicatorTable:
+    """Several indicators of one channel over time, oldest recording first."""
+
+    names: Sequence[str]
+    """Names of the indicators."""
+    times: Shaped[np.ndarray, " recording"]
+    """Times of measurement, as datetime64 in UTC."""
+    values: Float[np.ndarray, "recording indicator"]
+    """Values of the indicators; NaN if a recording has none."""
 
 
 class HistoryReader:
@@ -269,9 +282,9 @@ class HistoryReader:
 
         Parameters
         ----------
-        channel : channel of the indicator; empty for columns of the whole recording, which are
-            ``alarm_p``, ``capital``, ``probability``, ``confidence``, ``ood_p``, ``speed`` [rad/s]
-            and ``pressure`` [Pa].
+        channel : channel of the indicator; empty for values of the whole recording, which are
+            ``score`` [healthy scatters], ``alarm_p``, ``capital``, ``probability``,
+            ``confidence``, ``ood_p``, ``speed`` [rad/s] and ``pressure`` [Pa].
         """
         if channel == "":
             queries = [_column_query(name)]
@@ -295,6 +308,40 @@ class HistoryReader:
             times=np.array([time.replace(tzinfo=None) for _, time, _ in rows], "datetime64[us]"),
             values=np.array([_unpack(value) for _, _, value in rows], float),
         )
+
+    def indicator_table(
+        self,
+        machine: str,
+        channel: str,
+        names: Sequence[str],
+        *,
+        point: str | None = None,
+        limit: int = 5000,
+    ) -> IndicatorTable:
+        """Return several indicators of a channel over time, of the newest `limit` recordings."""
+        columns: dict[int, Int[np.ndarray, " indicator"]] = {}
+        for layout in self._all(select(Layout).where(Layout.machine == machine)):
+            places = {tuple(key): place for place, key in enumerate(layout.names)}
+            # The place after the last one is that of a missing value.
+            columns[layout.id] = np.array(
+                [places.get((channel, name), len(places)) for name in names], int
+            )
+        query = (
+            select(Judgment.time, Indicators.layout, Indicators.values)
+            .join(Indicators, Indicators.recording == Judgment.id)
+            .where(*_filters(machine, point, None, None))
+            .order_by(Judgment.time.desc(), Judgment.id.desc())
+            .limit(limit)
+        )
+        with self._database.reading() as session:
+            rows = session.execute(query).all()[::-1]
+
+        values = np.full((len(rows), len(names)), np.nan)
+        for row, (_, layout_id, packed) in enumerate(rows):
+            stored = np.append(np.frombuffer(packed, "<f4"), np.float32(np.nan))
+            values[row] = stored[columns[layout_id]]
+        times = np.array([time.replace(tzinfo=None) for time, _, _ in rows], "datetime64[us]")
+        return IndicatorTable(names, times, values)
 
     def _indicator_queries(self, machine: str, channel: str, name: str) -> list[Select[Any]]:
         """Return a query for each layout of the machine that has the indicator."""
@@ -429,7 +476,8 @@ def _alarms_not_closed(session: Session) -> dict[str, list[Alarm]]:
 def _column_query(name: str) -> Select[Any]:
     if name not in TREND_COLUMNS:
         raise InputError(f"{name!r} has no trend; use one of {', '.join(TREND_COLUMNS)}.")
-    return select(Judgment.id, Judgment.time, getattr(Judgment, name))
+    value = _SCORE if name == "score" else getattr(Judgment, name)
+    return select(Judgment.id, Judgment.time, value)
 
 
 def _unpack(value: Any) -> Any:

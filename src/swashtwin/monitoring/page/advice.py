@@ -1,6 +1,7 @@
 """What to check at a machine, by its alarm or by one of its recordings."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from swashtwin.diagnosis import Check, next_checks
 from swashtwin.monitoring.history.schema import Alarm, Judgment
@@ -10,9 +11,14 @@ from swashtwin.pump import is_healthy
 _UNNAMED_CLASSES = ("abnormal", "unknown")
 
 
-def suspected_label(alarm: Alarm) -> str | None:
-    """Return the class that an alarm suspects, sure or not; `None` if it names none."""
-    suspect = alarm.evidence.get("suspect")
+def suspected_label(evidence: Mapping[str, Any]) -> str | None:
+    """Return the class that an alarm or a recording suspects, sure or not; `None` without one.
+
+    Parameters
+    ----------
+    evidence : `Alarm.evidence` or `Judgment.reasons`.
+    """
+    suspect = evidence.get("suspect")
     if not suspect or suspect["certainty"] not in ("sure", "unsure"):
         return None
     label: str = suspect["label"]
@@ -27,7 +33,7 @@ def checks_of_alarm(alarm: Alarm, newest: Judgment | None) -> Sequence[Check]:
     newest : newest recording of the machine; the verdict of a model counts if the alarm names no
         suspect.
     """
-    label = suspected_label(alarm)
+    label = suspected_label(alarm.evidence)
     if label is None and newest is not None and not is_healthy(newest.label):
         label = newest.label
     if label is None or label in _UNNAMED_CLASSES:
@@ -37,9 +43,9 @@ def checks_of_alarm(alarm: Alarm, newest: Judgment | None) -> Sequence[Check]:
 
 def checks_of_recording(judgment: Judgment) -> Sequence[Check]:
     """Return what to check at a machine after one of its recordings, in this order."""
-    suspect = judgment.reasons.get("suspect")
-    if judgment.label is None and suspect and suspect["certainty"] == "sure":
-        return next_checks(suspect["label"])
+    suspect = suspected_label(judgment.reasons)
+    if judgment.label is None and suspect is not None:
+        return next_checks(suspect)
     if judgment.label in (None, "abnormal"):
         return next_checks(unknown=True)
 

@@ -7,31 +7,21 @@ of the width, vertical ones are pixels, and texts stand outside the field.
 
 import math
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from datetime import datetime
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from markupsafe import Markup, escape
 
-from swashtwin.foundation import SwashTwinError
 from swashtwin.monitoring.history.reading import ScoredRecording, Trend
-from swashtwin.monitoring.history.schema import Alarm, Judgment
+from swashtwin.monitoring.history.schema import Alarm
 from swashtwin.monitoring.page.axis import Axis
-from swashtwin.monitoring.page.site import Site
-from swashtwin.recordings import Recording
 
 HEIGHT = 240.0
 """Height of a field [px]."""
 BAND_SPREADS = 3.0
 """Half width of the baseline's band, in spreads of the healthy recordings."""
-MAX_HEALTHY = 8
-"""Healthy recordings that a spectrum is compared with."""
-MIN_RESOLUTION_HZ = 2.0
-"""Smallest distance of a spectrum's lines."""
-MAX_LINES = 1600
-"""Points of one drawn spectrum, each the largest line of its group; a screen shows no more."""
 
 MIN_SPARK_SCORE = 5.0
 """Deviation at the top of a small line [healthy scatters], unless a recording deviates more."""
@@ -40,8 +30,8 @@ SPARK_HEIGHT = 40
 """Size of a small line, in units that are stretched."""
 _SPARK_MARGIN = 4
 
-# Width of a field, in units that are stretched.
-_WIDTH = 1000.0
+WIDTH = 1000.0
+"""Width of a field, in units that are stretched."""
 
 # Height of one line of text above a field.
 _LINE_PX = 16.0
@@ -55,9 +45,6 @@ _MIN_NAME_DISTANCE = 0.05
 # Distance of a tick's text from both sides, as a share of the width; otherwise it is cut off.
 _TICK_MARGIN = 0.02
 
-# Harmonics of the piston-pass frequency that are marked in a spectrum.
-_MARKED_HARMONICS = 4
-
 
 class Mark(NamedTuple):
     """A vertical line with a name above the field."""
@@ -66,6 +53,8 @@ class Mark(NamedTuple):
     """Position as a share of the width."""
     name: str
     """Text above it."""
+    role: str = "mark"
+    """Class of the line in the style sheet."""
 
 
 def draw_figure(
@@ -75,6 +64,7 @@ def draw_figure(
     *,
     title: str,
     marks: Sequence[Mark] = (),
+    y_ticks: Sequence[tuple[float, str]] | None = None,
     **data: str,
 ) -> Markup:
     """Return a figure as an SVG element.
@@ -85,6 +75,8 @@ def draw_figure(
         `draw_vertical`; escaped already.
     title : text above the vertical axis; it also describes the figure to a screen reader.
     marks : marks whose names stand above the field, unless one is too close to a previous one.
+    y_ticks : positions of the vertical axis that are marked, as shares, each with its text; by
+        default round values.
     data : values for the page's script: ``ids`` of the recordings, ``shaft`` [Hz], ``unit``.
     """
     top = _LINE_PX
@@ -93,7 +85,7 @@ def draw_figure(
     bottom = top + HEIGHT
     texts = [
         f'<text class="title" x="4" y="12">{escape(title)}</text>',
-        *_draw_y_ticks(y, top, bottom),
+        *_draw_y_ticks(y.ticks() if y_ticks is None else y_ticks, top, bottom),
         *_draw_x_ticks(x, bottom),
         *_draw_mark_names(marks, top),
     ]
@@ -110,7 +102,7 @@ def draw_figure(
     )
     field = (
         f'<svg class="field" y="{top:.0f}" height="{HEIGHT:.0f}"'
-        f' viewBox="0 0 {_WIDTH:.0f} {HEIGHT:.0f}" preserveAspectRatio="none">'
+        f' viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" preserveAspectRatio="none">'
         f"{''.join(parts)}</svg>"
     )
     return Markup(
@@ -119,9 +111,9 @@ def draw_figure(
     )
 
 
-def _draw_y_ticks(y: Axis, top: float, bottom: float) -> list[str]:
+def _draw_y_ticks(ticks: Iterable[tuple[float, str]], top: float, bottom: float) -> list[str]:
     texts = []
-    for share, text in y.ticks():
+    for share, text in ticks:
         height = bottom - share * HEIGHT
         texts.append(f'<line class="grid" x1="0" x2="100%" y1="{height:.1f}" y2="{height:.1f}"/>')
         # At the top the text would run into the title.
@@ -141,7 +133,7 @@ def _draw_x_ticks(x: Axis, bottom: float) -> list[str]:
 def _draw_mark_names(marks: Sequence[Mark], top: float) -> list[str]:
     texts = []
     named_shares: list[float] = []
-    for share, name in marks:
+    for share, name, _ in marks:
         if any(abs(share - named_share) < _MIN_NAME_DISTANCE for named_share in named_shares):
             continue
         position = f'data-share="{share:.4f}" x="{100 * share:.2f}%" y="{top - 4:.0f}"'
@@ -193,19 +185,37 @@ def draw_band(
 
 
 def _point(x_share: float, y_share: float) -> str:
-    return f"{_WIDTH * x_share:.1f} {(1 - y_share) * HEIGHT:.1f}"
+    return f"{WIDTH * x_share:.1f} {(1 - y_share) * HEIGHT:.1f}"
 
 
 def draw_horizontal(share: float, role: str) -> str:
     """Return a horizontal line at a share of the height."""
     y = f"{(1 - share) * HEIGHT:.1f}"
-    return f'<line class="{role}" x1="0" x2="{_WIDTH:.0f}" y1="{y}" y2="{y}"/>'
+    return f'<line class="{role}" x1="0" x2="{WIDTH:.0f}" y1="{y}" y2="{y}"/>'
 
 
 def draw_vertical(share: float, role: str) -> str:
     """Return a vertical line at a share of the width."""
-    x = f"{_WIDTH * share:.1f}"
+    x = f"{WIDTH * share:.1f}"
     return f'<line class="{role}" x1="{x}" x2="{x}" y1="0" y2="{HEIGHT:.0f}"/>'
+
+
+def draw_alarms(x: Axis, alarms: Iterable[Alarm]) -> list[str]:
+    """Return vertical lines at the times at which alarms were raised."""
+    lines = []
+    for alarm in alarms:
+        role = "alarm"
+        if alarm.kind in ("sensor", "delivery"):
+            role = "sensor"
+        share = float(x.share(alarm.opened.timestamp()))
+        if 0 <= share <= 1:
+            lines.append(draw_vertical(share, role))
+    return lines
+
+
+def seconds_of(times: Shaped[np.ndarray, " recording"]) -> Float[np.ndarray, " recording"]:
+    """Return times of a trend as seconds since 1970, which an axis of time counts."""
+    return times.astype("datetime64[ms]").astype(np.float64) / 1000
 
 
 def draw_trend(
@@ -231,8 +241,7 @@ def draw_trend(
         median, spread = baseline
         edges = [median - BAND_SPREADS * spread, median + BAND_SPREADS * spread]
 
-    # The x axis counts seconds since 1970.
-    times = trend.times.astype("datetime64[ms]").astype(np.float64) / 1000
+    times = seconds_of(trend.times)
     x = Axis.around(times, kind="time")
     y = Axis.around(trend.values, edges)
 
@@ -244,19 +253,13 @@ def draw_trend(
         low, high = (np.full(2, y.share(edge)) for edge in edges)
         parts.append(draw_band(np.array([0.0, 1.0]), low, high))
         parts.append(draw_horizontal(float(y.share(median)), "median"))
-    for alarm in alarms:
-        role = "alarm"
-        if alarm.kind in ("sensor", "delivery"):
-            role = "sensor"
-        share = float(x.share(alarm.opened.timestamp()))
-        if 0 <= share <= 1:
-            parts.append(draw_vertical(share, role))
+    parts += draw_alarms(x, alarms)
 
     heights = y.share(trend.values)
     parts.append(draw_curve(x.share(times), heights, has_dots=True))
 
     ids = " ".join(str(number) for number in trend.ids[np.isfinite(heights)])
-    return draw_figure(x, y, parts, title=_with_unit(title, unit), ids=ids, unit=unit)
+    return draw_figure(x, y, parts, title=with_unit(title, unit), ids=ids, unit=unit)
 
 
 def draw_spark(scores: Sequence[ScoredRecording], alarms: Iterable[datetime]) -> Markup:
@@ -307,94 +310,8 @@ def _spark_point(x_share: float, y_share: float) -> str:
     return f"{SPARK_WIDTH * x_share:.0f} {_SPARK_MARGIN + (1 - y_share) * height:.0f}"
 
 
-def draw_spectra(site: Site, judgment: Judgment, healthy_ids: Sequence[int]) -> Sequence[Markup]:
-    """Return a figure of each channel's spectrum over those of healthy recordings.
-
-    The result is empty if the samples are no longer stored or have no spectrum.
-    """
-    try:
-        recording = site.history.reader.waveform(judgment.id)
-        if recording is None:
-            return ()
-        frequency, amplitude = _read_lines(recording)
-        machine = site.config.machine(judgment.machine)
-        piston_count = None
-        if machine is not None:
-            piston_count = machine.piston_count
-    except (SwashTwinError, OSError):
-        return ()
-
-    healthy = _read_healthy_lines(site, healthy_ids, amplitude.shape)
-    x = Axis(0.0, float(frequency[-1]))
-    marks: list[Mark] = []
-    data = {"unit": recording.unit}
-    if judgment.speed is not None:
-        shaft_hz = judgment.speed / (2 * math.pi)
-        marks = _order_marks(x, shaft_hz, piston_count)
-        data["shaft"] = repr(shaft_hz)
-
-    figures = []
-    for row, channel in enumerate(recording.channels):
-        y = Axis.around(amplitude[row], *healthy[:, row], kind="log")
-        parts = [draw_vertical(mark.share, "mark") for mark in marks]
-        if len(healthy):
-            low = y.share(healthy[:, row].min(axis=0))
-            high = y.share(healthy[:, row].max(axis=0))
-            parts.append(draw_band(x.share(frequency), low, high))
-        parts.append(draw_curve(x.share(frequency), y.share(amplitude[row])))
-
-        title = f"{_with_unit(channel, recording.unit)} over frequency [Hz]"
-        figures.append(draw_figure(x, y, parts, title=title, marks=marks, **data))
-    return figures
-
-
-def _with_unit(quantity: str, unit: str) -> str:
+def with_unit(quantity: str, unit: str) -> str:
+    """Return a title with its unit."""
     if not unit:
         return quantity
     return f"{quantity} [{unit}]"
-
-
-def _read_healthy_lines(
-    site: Site, healthy_ids: Sequence[int], shape: tuple[int, ...]
-) -> Float[np.ndarray, "recording channel line"]:
-    """Return the spectra of healthy recordings that have the given channels and lines."""
-    spectra = []
-    for number in healthy_ids:
-        # Retention may remove the samples at any time.
-        with suppress(SwashTwinError, OSError):
-            recording = site.history.reader.waveform(number)
-            if recording is not None:
-                _, amplitude = _read_lines(recording)
-                if amplitude.shape == shape:
-                    spectra.append(amplitude)
-    return np.array(spectra).reshape(-1, *shape)
-
-
-def _order_marks(x: Axis, shaft_hz: float, piston_count: int | None) -> list[Mark]:
-    """Return marks at the harmonics of the piston-pass frequency and at the shaft frequency."""
-    orders = [1]
-    if piston_count:
-        harmonics = [piston_count * k for k in range(1, _MARKED_HARMONICS + 1)]
-        orders = [*harmonics, *orders]
-    return [
-        Mark(float(x.share(order * shaft_hz)), f"{order}×")
-        for order in orders
-        if order * shaft_hz < x.high
-    ]
-
-
-def _read_lines(
-    recording: Recording,
-) -> tuple[Float[np.ndarray, " line"], Float[np.ndarray, "channel line"]]:
-    """Return frequencies [Hz] and peak amplitudes, at most `MAX_LINES`."""
-    from swashtwin.signals import spectrum_of  # scipy's signal package takes a second to import
-
-    resolution = max(MIN_RESOLUTION_HZ, recording.sample_rate / recording.signal.shape[-1])
-    spectrum = spectrum_of(recording, resolution=resolution)
-
-    # Without the line at 0 Hz, which is the mean.
-    frequency = spectrum.position[1:]
-    amplitude = spectrum.amplitude[:, 1:]
-    lines_per_group = math.ceil(len(frequency) / MAX_LINES)
-    starts = np.arange(0, len(frequency), lines_per_group)
-    return frequency[starts], np.maximum.reduceat(amplitude, starts, axis=1)

@@ -2,8 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Annotated, Any
@@ -24,15 +24,12 @@ from swashtwin.monitoring.page.advice import (
     suspected_label,
 )
 from swashtwin.monitoring.page.cards import SILENT, Card, Standing, build_card
-from swashtwin.monitoring.page.charts import (
-    BAND_SPREADS,
-    MAX_HEALTHY,
-    draw_spectra,
-    draw_trend,
-)
+from swashtwin.monitoring.page.charts import BAND_SPREADS, draw_trend
 from swashtwin.monitoring.page.formatting import NO_VALUE, format_time, indicator_name, number
+from swashtwin.monitoring.page.order_map import CHANGE_STEPS_DB, draw_order_map, order_of
 from swashtwin.monitoring.page.pump_drawings import PumpDrawings
 from swashtwin.monitoring.page.site import MAX_ID, Site
+from swashtwin.monitoring.page.spectra import MAX_HEALTHY, draw_spectra
 from swashtwin.monitoring.page.states import STATES, VERDICT_NAMES, group_indicators, state_of
 from swashtwin.report import LivingPump
 
@@ -49,12 +46,42 @@ OTHER_GROUP = "No action needed"
 MAX_TREND_POINTS = 2000
 """Newest points of a trend that are drawn; a screen shows no more."""
 _PAST_ALARMS = 200
+_SHOWN_PAST_ALARMS = 10
 
 # Drawn spectra that are kept, since an open page loads them with each change of the history.
 _CACHED_SPECTRA = 16
 
 _EVENTS_OF_MACHINE = 20
 _LOG_ROWS = 100
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What the figures of a machine show, and what else can be selected."""
+
+    channel: str
+    """Channel; empty for values of the whole recording."""
+    indicator: str
+    """Indicator of the channel."""
+    point: str
+    """Operating point; empty for all."""
+    channels: Sequence[str] = ()
+    """All channels."""
+    indicators: Sequence[tuple[str, Sequence[str]]] = ()
+    """All indicators of the channel, by group."""
+    points: Sequence[str] = ()
+    """All operating points."""
+
+    @property
+    def title(self) -> str:
+        """Title of the trend."""
+        if self.channel:
+            return f"{self.channel}: {self.indicator}"
+        return VERDICT_NAMES.get(self.indicator, self.indicator)
+
+    def filter_alarms(self, alarms: Iterable[Alarm]) -> Sequence[Alarm]:
+        """Return the alarms of the operating point."""
+        return [alarm for alarm in alarms if self.point in ("", alarm.point)]
 
 
 class Pages:
@@ -69,12 +96,25 @@ class Pages:
         self._drawings = PumpDrawings()
         self._spectra = lru_cache(maxsize=_CACHED_SPECTRA)(self._draw_spectra)
 
-    def _draw_spectra(self, identity: int, _: bool, healthy: tuple[int, ...]) -> Sequence[Markup]:
+    def _draw_spectra(
+        self,
+        identity: int,
+        _: bool,
+        healthy: tuple[int, ...],
+        is_over_orders: bool = True,
+        channel: str | None = None,
+    ) -> Sequence[Markup]:
         """Draw the spectra of a recording; the second argument only renews the cached figure.
 
         It tells whether the samples are stored, which may change.
         """
-        return draw_spectra(self._site, self._site.recording(identity), healthy)
+        return draw_spectra(
+            self._site,
+            self._site.recording(identity),
+            healthy,
+            is_over_orders=is_over_orders,
+            channel=channel,
+        )
 
     def overview(
         self,
@@ -133,7 +173,7 @@ class Pages:
         point: str | None = None,
         before: Annotated[int | None, Query(ge=1, le=MAX_ID)] = None,
     ) -> HTMLResponse:
-        """Show one machine: its alarms, trends, recordings and events."""
+        """Show one machine: its alarms, trends, spectrum, recordings and events."""
         site = self._site
         overview = site.machine(name)
         configured_machine = site.config.machine(name)
@@ -146,6 +186,9 @@ class Pages:
         if len(rows) == ROWS_PER_TABLE:
             older = rows[-1].id
 
+        alarms = self._reader.alarms(name, limit=_PAST_ALARMS)
+        selection = self._select(overview, channel, indicator, point)
+        baseline = self._load_baseline(name, selection)
         return site.render(
             request,
             "machine.html.jinja",
@@ -153,27 +196,38 @@ class Pages:
             state=state_of(overview),
             pump=pump,
             alarms=overview.alarms,
-            past_alarms=self._reader.alarms(name, state="closed", limit=10),
+            past_alarms=[alarm for alarm in alarms if alarm.closed is not None][
+                :_SHOWN_PAST_ALARMS
+            ],
             rate=site.config.alarms.false_alarm_rate,
             limit=site.alarm_capital,
             recordings=rows,
             older=older,
             events=self._reader.events(name, limit=_EVENTS_OF_MACHINE),
-            evidence=self._draw_trend(name, "", "capital", ""),
-            **self._selected_trend(overview, channel, indicator, point),
+            deviation=[
+                self._draw_trend(name, Selection("", value, ""), alarms)
+                for value in ("score", "capital")
+            ],
+            selection=selection,
+            verdict_names=VERDICT_NAMES,
+            band=f"Healthy baseline ± {BAND_SPREADS:g} spreads",
+            trend=self._draw_trend(name, selection, alarms, baseline.get(selection.indicator)),
+            has_baseline=selection.indicator in baseline,
+            order_map=self._draw_order_map(name, selection, alarms, baseline),
+            steps=CHANGE_STEPS_DB,
+            newest_spectrum=self._draw_newest_spectrum(name, selection),
         )
 
-    def _selected_trend(
+    def _select(
         self,
         machine: MachineOverview,
         channel: str | None,
         indicator: str | None,
         point: str | None,
-    ) -> dict[str, Any]:
-        """Return the trend that was requested, and what else can be selected.
+    ) -> Selection:
+        """Return what the figures of a machine show, and what else can be selected.
 
-        Without a request, the trend shows what changed most in the machine's alarms, or else its
-        first order.
+        Without a request, it is what changed most in the machine's alarms, or else the first order.
         """
         points = [row.name for row in self._reader.operating_points(machine.name)]
         if point is None and machine.last is not None:
@@ -194,48 +248,37 @@ class Pages:
         groups = group_indicators(names_by_channel[channel])
         if indicator is None or indicator not in names_by_channel[channel]:
             indicator = groups[0][1][0]
+        return Selection(channel, indicator, point, list(names_by_channel), groups, points)
 
-        stored_baseline = self._reader.baseline(machine.name, point)
-        baseline = None
-        if stored_baseline:
-            baseline = baseline_band_powers(stored_baseline).get((channel, indicator))
-        band = ""
-        if baseline is not None:
-            band = f"Healthy baseline ± {BAND_SPREADS:g} spreads"
-
-        title = VERDICT_NAMES.get(indicator, "")
-        if channel:
-            title = f"{channel}: {indicator}"
+    def _load_baseline(
+        self, machine: str, selection: Selection
+    ) -> Mapping[str, tuple[float, float]]:
+        """Return (median, scatter) of each indicator of the selected channel, if it is known."""
+        stored = self._reader.baseline(machine, selection.point)
+        if not stored:
+            return {}
         return {
-            "channel": channel,
-            "indicator": indicator,
-            "point": point,
-            "channels": list(names_by_channel),
-            "indicators": groups,
-            "points": points,
-            "trend_title": title,
-            "verdict_names": VERDICT_NAMES,
-            "trend": self._draw_trend(machine.name, channel, indicator, point, baseline),
-            "band": band,
+            name: values
+            for (channel, name), values in baseline_band_powers(stored).items()
+            if channel == selection.channel
         }
 
     def _draw_trend(
         self,
         machine: str,
-        channel: str,
-        indicator: str,
-        point: str,
+        selection: Selection,
+        alarms: Sequence[Alarm],
         baseline: tuple[float, float] | None = None,
     ) -> Markup:
+        indicator = selection.indicator
         trend = self._reader.trend(
-            machine, channel, indicator, point=point or None, limit=MAX_TREND_POINTS
+            machine,
+            selection.channel,
+            indicator,
+            point=selection.point or None,
+            limit=MAX_TREND_POINTS,
         )
-        alarms = [
-            alarm
-            for alarm in self._reader.alarms(machine, limit=_PAST_ALARMS)
-            if point in ("", alarm.point)
-        ]
-        size, unit = self._unit_of(channel, indicator)
+        size, unit = self._unit_of(selection.channel, indicator)
         limit = None
         if indicator == "capital":
             limit = self._site.alarm_capital
@@ -243,20 +286,69 @@ class Pages:
             replace(trend, values=trend.values / size),
             VERDICT_NAMES.get(indicator, indicator),
             unit,
-            alarms,
+            selection.filter_alarms(alarms),
             baseline=baseline,
             limit=limit,
         )
+
+    def _draw_order_map(
+        self,
+        machine: str,
+        selection: Selection,
+        alarms: Sequence[Alarm],
+        baseline: Mapping[str, tuple[float, float]],
+    ) -> Markup:
+        """Return the map of the selected channel; empty if it has no shaft orders."""
+        names = [name for _, group in selection.indicators for name in group]
+        orders = sorted((order_of(name), name) for name in names if order_of(name) is not None)
+        if not orders:
+            return Markup("")
+
+        table = self._reader.indicator_table(
+            machine,
+            selection.channel,
+            [name for _, name in orders],
+            point=selection.point or None,
+            limit=MAX_TREND_POINTS,
+        )
+        configured_machine = self._site.config.machine(machine)
+        pistons = None if configured_machine is None else configured_machine.piston_count
+        return draw_order_map(table, baseline, pistons, selection.filter_alarms(alarms))
+
+    def _draw_newest_spectrum(
+        self, machine: str, selection: Selection
+    ) -> tuple[Judgment, Markup] | None:
+        """Return the newest recording whose samples are stored, and the selected channel's
+        spectrum; `None` without one.
+        """
+        rows = self._reader.recordings(machine, point=selection.point or None, limit=ROWS_PER_TABLE)
+        newest = next((row for row in rows if row.waveform is not None), None)
+        if newest is None or selection.channel not in newest.channels:
+            return None
+        healthy = tuple(self._reader.healthy_files(newest, MAX_HEALTHY))
+        spectra = self._spectra(newest.id, True, healthy, channel=selection.channel)
+        if not spectra:
+            return None
+        return newest, spectra[0]
 
     def _unit_of(self, channel: str, indicator: str) -> tuple[float, str]:
         """Return the unit in which an indicator is shown, and its size in the history's unit."""
         if channel:
             return 1.0, "dB"
         pressure_unit = self._site.config.pressure_unit
-        units = {"speed": (rpm(1), "rpm"), "pressure": (PASCALS[pressure_unit], pressure_unit)}
+        units = {
+            "score": (1.0, "spreads"),
+            "speed": (rpm(1), "rpm"),
+            "pressure": (PASCALS[pressure_unit], pressure_unit),
+        }
         return units.get(indicator, (1.0, ""))
 
-    def recording(self, request: Request, identity: int) -> HTMLResponse:
+    def recording(
+        self,
+        request: Request,
+        identity: int,
+        axis: Annotated[str, Query(max_length=20)] = "",
+    ) -> HTMLResponse:
         """Show one recording: verdict, evidence, spectrum, facts."""
         judgment = self._site.recording(identity)
         older_rows = self._reader.recordings(judgment.machine, before=judgment.id, limit=1)
@@ -286,7 +378,10 @@ class Pages:
             checks=checks_of_recording(judgment),
             limit=self._site.alarm_capital,
             facts=_facts(judgment, self._site.config.pressure_unit),
-            spectra=self._spectra(judgment.id, judgment.waveform is not None, healthy),
+            spectra=self._spectra(
+                judgment.id, judgment.waveform is not None, healthy, axis != "frequency"
+            ),
+            is_over_orders=axis != "frequency" and judgment.speed is not None,
             healthy=healthy_caption,
             earlier=earlier,
             later=self._reader.later_recording(identity),
@@ -323,7 +418,7 @@ class Pages:
             "alarm.html.jinja",
             alarm=alarm,
             checks=checks,
-            has_suspect=suspected_label(alarm) is not None,
+            has_suspect=suspected_label(alarm.evidence) is not None,
         )
 
     def pump(self, request: Request, identity: int) -> Response:
@@ -332,7 +427,7 @@ class Pages:
         The page's script loads it. The answer has no content if the pump cannot be drawn.
         """
         alarm = self._site.alarm(identity)
-        label = suspected_label(alarm)
+        label = suspected_label(alarm.evidence)
         pumps: Sequence[LivingPump] = ()
         if label is not None:
             judgment = None

@@ -20,6 +20,7 @@ RECORDING_STATES: Mapping[str, str] = MappingProxyType(
 
 VERDICT_NAMES: Mapping[str, str] = MappingProxyType(
     {
+        "score": "Deviation",
         "capital": "Evidence",
         "alarm_p": "p-value of the healthy baseline",
         "probability": "Probability of the verdict",

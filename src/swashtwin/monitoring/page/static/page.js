@@ -177,6 +177,22 @@ function describePoint(drawing, xShare, yShare) {
 }
 
 /**
+ * Return the time and the order at a point of a map.
+ *
+ * @param {any} drawing
+ * @param {number} xShare
+ * @param {number} clientY
+ */
+function describeCell(drawing, xShare, clientY) {
+  const x = axisOf(drawing, "x");
+  const y = axisOf(drawing, "y");
+  const box = drawing.querySelector(".field").getBoundingClientRect();
+  const yShare = Math.min(Math.max((box.bottom - clientY) / box.height, 0), 0.999);
+  const order = Math.round(y.low + yShare * (y.high - y.low));
+  return `${describePosition(drawing, x, x.low + xShare * (x.high - x.low))}: order ${order}`;
+}
+
+/**
  * @param {any} drawing
  * @param {Axis} axis
  * @param {number} position
@@ -187,6 +203,9 @@ function describePosition(drawing, axis, position) {
     return format.format(new Date(1000 * position));
   }
   const { shaft } = drawing.dataset;
+  if (axis.kind === "order") {
+    return `${position.toFixed(2)}× (${(position * shaft).toFixed(1)} Hz)`;
+  }
   const order = shaft ? ` (${(position / shaft).toFixed(2)}×)` : "";
   return `${position.toFixed(0)} Hz${order}`;
 }
@@ -234,6 +253,10 @@ function activateDrawing(drawing, tip, shownPart, show) {
   };
 
   drawing.addEventListener("pointermove", (/** @type {PointerEvent} */ event) => {
+    if (drawing.dataset.map) {
+      tip.textContent = describeCell(drawing, shareAt(event), event.clientY);
+      return;
+    }
     if (!points.length) return;
     const [x, y] = points[nearestIndex(points, shareAt(event))];
     tip.textContent = describePoint(drawing, x, 1 - y / height);
@@ -268,7 +291,7 @@ function activateDrawing(drawing, tip, shownPart, show) {
  * @returns {[number, number][]}
  */
 function pointsOf(drawing) {
-  const path = drawing.querySelector(".main").getAttribute("d");
+  const path = drawing.querySelector(".main")?.getAttribute("d") ?? "";
   const numbers = (path.match(/[\d.-]+/g) ?? []).map(Number);
   /** @type {[number, number][]} */
   const points = [];

@@ -1,14 +1,14 @@
 """What the page and other readers need of the history."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
-from sqlalchemy import ColumnElement, ScalarSelect, Select, func, select
+from sqlalchemy import ColumnElement, ScalarSelect, Select, func, select, union_all
 from sqlalchemy.orm import Session
 
 from swashtwin.foundation import InputError
@@ -158,34 +158,30 @@ class HistoryReader:
 
     def newest_scores(
         self, machines: Sequence[str], limit: int
-    ) -> dict[str, Sequence[ScoredRecording]]:
+    ) -> Mapping[str, Sequence[ScoredRecording]]:
         """Return the scores of the newest `limit` recordings of each machine, oldest first.
 
         It is one query, whose cost does not depend on the length of the history.
         """
-        # Both times are looked up in the index by machine and time. A window function over all
-        # recordings would read the whole history.
-        of_machine = select(Judgment.time).where(Judgment.machine == Machine.name)
-        oldest_shown = of_machine.order_by(Judgment.time.desc()).offset(limit - 1).limit(1)
-        start = func.coalesce(
-            oldest_shown.correlate(Machine).scalar_subquery(), _first_time_of_machine()
-        )
-        starts = (
-            select(Machine.name, start.label("start")).where(Machine.name.in_(machines)).subquery()
-        )
-        is_shown = (Judgment.machine == starts.c.name) & (Judgment.time >= starts.c.start)
-        query = (
-            select(Judgment.machine, Judgment.time, Judgment.state, _SCORE)
-            .join(starts, is_shown)
-            .order_by(Judgment.time, Judgment.id)
-        )
-
         scores: dict[str, list[ScoredRecording]] = {name: [] for name in machines}
+        if not machines:
+            return scores
+
+        # One part for each machine reads the index from its end. A window function, and a join with
+        # the time of the oldest recording, made PostgreSQL read the whole history.
+        parts = []
+        for name in machines:
+            newest = (
+                select(Judgment.machine, Judgment.time, Judgment.state, _SCORE.label("score"))
+                .where(Judgment.machine == name)
+                .order_by(Judgment.time.desc(), Judgment.id.desc())
+                .limit(limit)
+            )
+            parts.append(select(newest.subquery()))
         with self._database.reading() as session:
-            for name, *values in session.execute(query):
+            for name, *values in session.execute(union_all(*parts)):
                 scores[name].append(ScoredRecording(*values))
-        # Recordings of the same time as the oldest one are too many.
-        return {name: rows[-limit:] for name, rows in scores.items()}
+        return {name: rows[::-1] for name, rows in scores.items()}
 
     def recordings(
         self,

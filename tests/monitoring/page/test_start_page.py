@@ -150,6 +150,16 @@ def test_machines_are_found_by_state_name_and_site_on_all_pages(
     assert list(cards(client.get(f"/?{query}").text)) == expected
 
 
+def test_the_states_of_machines_that_a_search_found_are_counted_and_filtered(
+    client: TestClient,
+) -> None:
+    text = client.get("/?text=hall+4").text
+
+    assert 'href="/?state=normal&amp;text=hall+4"' in text
+    assert re.findall(r"</span> (\d+) Normal</a>", text) == ["15"]
+    assert 'class="badge alarm"' not in text
+
+
 def test_a_start_page_takes_few_bytes_and_as_many_queries_for_any_number_of_machines(
     client: TestClient, tmp_path: Path, statements: list[str]
 ) -> None:
@@ -185,6 +195,19 @@ def test_a_machine_is_silent_after_a_day_and_three_of_its_intervals(
 
     assert standing.is_silent is is_silent
     assert standing.needs_attention is is_silent
+
+
+def test_a_card_of_an_alarm_whose_cause_is_gone_asks_to_acknowledge_it(tmp_path: Path) -> None:
+    config = load_watch_config(write_large_plant(tmp_path / "plant", 4, 9))
+    history = History.open("", config.folder)
+    with history.machine("P-104") as machine:
+        machine.clear_alarm(machine.alarms()[0].id, NOW)
+    history.close()
+
+    card = cards(plant_client(config.path).get("/").text)["P-104"]
+
+    assert "What to do: Acknowledge the alarm: its cause is gone." in card
+    assert "case drain" not in card
 
 
 def test_columns_without_a_value_leave_the_table_of_recordings(client: TestClient) -> None:

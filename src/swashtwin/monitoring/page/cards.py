@@ -278,6 +278,8 @@ def _advise(standing: Standing, alarm: Alarm | None) -> Sequence[str]:
     if alarm is not None and alarm.state == "acknowledged":
         note = f": {alarm.note}" if alarm.note else ""
         return (f"{alarm.who} is on it{note}",)
+    if alarm is not None and alarm.cleared is not None:
+        return ("Acknowledge the alarm: its cause is gone.",)
     if alarm is not None and alarm.kind == "sensor":
         return ("Check the sensor, its mounting and its cable.",)
     if alarm is not None and alarm.kind == "delivery":

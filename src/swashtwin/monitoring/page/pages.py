@@ -133,10 +133,11 @@ class Pages:
             ),
             key=lambda standing: standing.urgency,
         )
-        counts = Counter(standing.state for standing in standings)
-        counts[SILENT] = sum(standing.is_silent for standing in standings)
+        named = [standing for standing in standings if standing.matches("", text)]
+        counts = Counter(standing.state for standing in named)
+        counts[SILENT] = sum(standing.is_silent for standing in named)
 
-        matching = [standing for standing in standings if standing.matches(state, text)]
+        matching = [standing for standing in named if standing.matches(state, text)]
         page_count = max(1, math.ceil(len(matching) / CARDS_PER_PAGE))
         # Machines may have become fewer since the link was made.
         page = min(page, page_count)

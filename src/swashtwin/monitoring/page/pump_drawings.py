@@ -7,7 +7,7 @@ import logging
 import threading
 from functools import lru_cache
 
-from swashtwin.foundation import run_in_child
+from swashtwin.foundation import ChildDiedError, run_in_child
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.history.schema import Judgment
 from swashtwin.report import LivingPump, build_living_pumps
@@ -47,6 +47,9 @@ class PumpDrawings:
         with self._lock:
             try:
                 return self._build(label, *facts)
+            except ChildDiedError as cause:  # also at the end of the watch
+                _log.warning("the pump of an alarm could not be drawn: %s", cause)
+                return ()
             except Exception as cause:  # a page is complete without its drawing
                 _log.warning("the pump of an alarm could not be drawn", exc_info=cause)
                 return ()

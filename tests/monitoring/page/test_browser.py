@@ -7,7 +7,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from chromium import MARKS, check_access, check_phone, playwright, started_browser, tabs  # noqa: F401
+from chromium import MARKS, PHONE, check_access, check_phone, playwright, started_browser, tabs  # noqa: F401
+from large_plant import write_large_plant
 from mqtt_broker import free_port
 
 from swashtwin.monitoring.config.config_file import load_watch_config
@@ -228,3 +229,36 @@ def test_the_keyboard_reaches_everything_from_the_top(tab) -> None:
 def test_axe_finds_no_fault_on_any_page(browser, served: ServedPage, scheme: str) -> None:
     impacts = ("minor", "moderate", "serious", "critical")
     check_access(browser, served.address, served.all_addresses(), enter, scheme, impacts)
+
+
+@pytest.fixture(scope="module")
+def large_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of the page of twenty machines, one in each state."""
+    config = load_watch_config(write_large_plant(tmp_path_factory.mktemp("large") / "plant", 20))
+    history = History.open("", config.folder)
+    port = free_port()
+    with serving_page(build_watch_page(config, history), "127.0.0.1", port):
+        yield f"http://127.0.0.1:{port}"
+    history.close()
+
+
+def test_a_phone_shows_the_most_urgent_of_twenty_machines_first(
+    browser, large_address: str
+) -> None:
+    for tab in tabs(browser, large_address, **PHONE):
+        tab.goto("/")
+        playwright.expect(tab.locator(".card").first).to_contain_text("P-104")
+        # What to do is seen without scrolling.
+        for text in ("Suspect: piston (93 %).", "What to do:"):
+            assert tab.get_by_text(text).first.bounding_box()["y"] < PHONE["viewport"]["height"]
+
+        tab.get_by_placeholder("Name or site").fill("hall 4")
+        tab.get_by_role("button", name="Search").click()
+        playwright.expect(tab.locator(".card")).to_have_count(5)
+        assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_fault_on_cards_of_any_state(browser, large_address: str, scheme: str) -> None:
+    impacts = ("minor", "moderate", "serious", "critical")
+    check_access(browser, large_address, ["/", "/?state=silent"], enter, scheme, impacts)

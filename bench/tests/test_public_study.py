@@ -91,6 +91,15 @@ def test_a_split_by_speed_has_a_fold_for_each_speed(study: StudyTable) -> None:
     json.dumps(study.to_dict(), allow_nan=False)
 
 
+def test_grades_are_scored_by_their_distance_and_left_out_of_the_mean(study: StudyTable) -> None:
+    row, leaky = study.rows()
+    # the two states that the pump has are four grades apart
+    wrong_share = 1 - row["recording_balanced_accuracy"]["mean"]
+    assert row["grade_distance"]["mean"] == pytest.approx(4 * wrong_share)
+    assert leaky["grade_distance"]["mean"] is None
+    assert study.answer == (f"extra_trees: {4 * wrong_share:.2f} grades from the right one.",)
+
+
 def test_windows_at_random_are_a_row_with_its_own_name(study: StudyTable) -> None:
     _, leaky = study.rows()
     assert leaky["classifier"] == AT_RANDOM

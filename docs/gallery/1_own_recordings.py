@@ -47,8 +47,8 @@ print(len(train), "recordings to train,", len(test), "to test")
 # %%
 # Train
 # -----
-# By default, training compares two candidates by cross-validation on the training recordings, as
-# measured and with changed noise, gain and speed. It selects the better candidate. On the command
+# By default, training compares three candidates by cross-validation on the training recordings, as
+# measured and with changed noise, gain and speed. It selects the best candidate. On the command
 # line: ``swashtwin train rig --out pump.safetensors``.
 
 classifier = st.FaultClassifier(seed=0).fit(train)

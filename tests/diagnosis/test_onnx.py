@@ -90,26 +90,21 @@ def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_win
 
     for rows in (slice(0, 1), slice(None)):
         answer = opened.run(["probability"], {"windows": windows().signal[rows]})[0]
-        np.testing.assert_allclose(answer, expected[rows], atol=1e-5)
+        np.testing.assert_allclose(answer, expected[rows], atol=5e-5)
 
     assert [file.name for file in path.parent.iterdir()] == ["model.onnx"]
 
 
+@pytest.mark.parametrize("name", ["band_powers", "line_prominences"])
 @pytest.mark.parametrize("normalization", ["set", "window"])
 def test_the_file_of_a_network_on_orders_takes_the_speed(
-    tmp_path: Path, normalization: str
+    tmp_path: Path, normalization: str, name: str
 ) -> None:
     speed = np.linspace(60.0, 120.0, len(windows()))
     turning = replace(windows(), speed=np.where(np.arange(len(speed)) % 4, speed, np.nan))
-    network = build_network(
-        "band_powers",
-        2,
-        2,
-        axis="order",
-        turns=90 / (2 * np.pi * 1e3),
-        shape=True,
-        hidden=8,
-    )
+    shape = {"shape": True} if name == "band_powers" else {}
+    turns = 90 / (2 * np.pi * 1e3)
+    network = build_network(name, 2, 2, axis="order", turns=turns, hidden=8, **shape)
     classifier = fit(
         network,
         turning,
@@ -120,7 +115,7 @@ def test_the_file_of_a_network_on_orders_takes_the_speed(
     expected = classifier.predict_proba(turning)
 
     assert np.abs(expected - classifier.predict_proba(windows())).max() > 1e-3
-    np.testing.assert_allclose(opened.run(["probability"], inputs)[0], expected, atol=1e-5)
+    np.testing.assert_allclose(opened.run(["probability"], inputs)[0], expected, atol=5e-5)
 
 
 def test_a_constant_channel_is_not_divided_by_zero(exported) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import BandPowerNetwork
-from swashtwin.learning.networks.band_power_network import HEADS
+from swashtwin.learning.networks.feature_network import HEADS
 from swashtwin.learning.networks.window_features import gain_response, window_features
 
 LENGTH = 1024

@@ -223,3 +223,40 @@ def test_invalid_training_data_and_error_rates_are_refused_before_any_trial() ->
 
     with pytest.raises(InputError, match="without a trial there is none"):
         fit_best_candidate(windows(per_class=1), error_rate=0.4)
+
+
+def bearing_recordings(length: int) -> list[Recording]:
+    """Bearings with a flaw on either race, each with a housing and a speed that no other has."""
+    measured = []
+    for number in range(8):
+        order = (3.05, 4.95)[number % 2]
+        draw = np.random.default_rng(number)
+        turns = draw.uniform(0.009, 0.015)
+        angle = turns * np.arange(4 * length)
+        strikes = np.diff(np.floor(order * angle), prepend=0.0) > 0
+
+        time = np.arange(60)
+        resonance = draw.uniform(0.15, 0.45)
+        ringing = np.exp(-time / 6) * np.sin(2 * np.pi * resonance * time)
+        signal = np.convolve(strikes, ringing)[: angle.size] + 0.2 * draw.normal(size=angle.size)
+        recording = Recording(
+            signal[None],
+            1e3,
+            f"bearing {number}",
+            label=("outer_race", "inner_race")[number % 2],
+            specimen=f"bearing {number}",
+            attributes={"speed": f"{60e3 * turns} rpm"},
+        )
+        measured.append(recording)
+
+    return measured
+
+
+def test_bearings_with_unlike_housings_and_speeds_select_prominences_of_lines() -> None:
+    windows_of_bearings = cut_windows(bearing_recordings(1024), length=1024)
+    candidate, choice, _ = choose_candidate(windows_of_bearings)
+
+    assert candidate.name == "line_prominences"
+    assert candidate.network(windows_of_bearings).uses_speed
+    scores = {trial.candidate: trial.score for trial in choice.trials}
+    assert scores["line_prominences"] > max(scores["band_shapes"], scores["band_powers"]) + 0.1

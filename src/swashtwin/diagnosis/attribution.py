@@ -15,7 +15,7 @@ from jaxtyping import Float, Float32, Float64
 
 from swashtwin.foundation import DataError
 from swashtwin.learning import (
-    BandPowerNetwork,
+    FeatureNetwork,
     FittedClassifier,
     SolvedNetwork,
     WindowSet,
@@ -188,7 +188,7 @@ def attribute_answer(
 ) -> dict[str, Any]:
     """Return what each band adds to the score of `label` less that of `rival`.
 
-    The path starts at silence in the space of samples; of a `BandPowerNetwork` at the training's
+    The path starts at silence in the space of samples; of a `FeatureNetwork` at the training's
     mean in the space of its features, since the logarithm of samples has no useful gradient at
     silence.
 
@@ -204,7 +204,7 @@ def attribute_answer(
     an `Evidence`, means over the windows.
     """
     network = classifier.network
-    if isinstance(network, BandPowerNetwork):
+    if isinstance(network, FeatureNetwork):
         return _attribute_to_features(classifier, network, windows, label, rival, shaft)
     if isinstance(network, SolvedNetwork):
         raise DataError(
@@ -255,7 +255,7 @@ def _join_windows(
 
 def _attribute_to_features(
     classifier: FittedClassifier,
-    network: BandPowerNetwork,
+    network: FeatureNetwork,
     windows: WindowSet,
     label: int,
     rival: int,

@@ -39,6 +39,7 @@ from .healthy.outliers import MAX_OUTLIER_SHARE as MAX_OUTLIER_SHARE
 from .healthy.outliers import find_inliers as find_inliers
 from .networks.band_power_network import BandPowerNetwork as BandPowerNetwork
 from .networks.bitcn import BiTCN as BiTCN
+from .networks.feature_network import FeatureNetwork as FeatureNetwork
 from .networks.network import Network as Network
 from .networks.network import batches as batches
 from .networks.registry import BUILT_IN as BUILT_IN

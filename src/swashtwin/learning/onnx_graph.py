@@ -1,7 +1,7 @@
 """A classifier as an ONNX graph, from scaled or raw windows to probabilities.
 
-The graph computes the features as `networks.window_features` and `features` do, by the same tables
-of bands. ONNX is needed to build it.
+The graph computes the features as `networks.window_features`, `networks.line_prominences` and
+`features` do, by the same tables of bands. ONNX is needed to build it.
 """
 
 import math
@@ -11,7 +11,10 @@ import numpy as np
 
 from swashtwin.foundation import InputError
 from swashtwin.learning.features import ENVELOPE_STATISTICS, N_BANDS
+from swashtwin.learning.networks import line_prominences as prominence
 from swashtwin.learning.networks.band_power_network import BandPowerNetwork
+from swashtwin.learning.networks.feature_network import FeatureNetwork
+from swashtwin.learning.networks.line_prominence_network import LineProminenceNetwork
 from swashtwin.learning.networks.tree_network import ExtraTrees
 from swashtwin.learning.networks.window_features import (
     ENVELOPE_BANDS,
@@ -112,7 +115,7 @@ class Graph:
 
 
 def onnx_model(classifier: FittedClassifier) -> Any:
-    """Return the ONNX model of a classifier on band powers or of trees (see `export_onnx`).
+    """Return the ONNX model of a classifier on features or of trees (see `export_onnx`).
 
     Raises
     ------
@@ -126,11 +129,11 @@ def onnx_model(classifier: FittedClassifier) -> Any:
     window_shape: list[str | int] = ["window", len(layout.channels), layout.length]
     inputs = [helper.make_tensor_value_info("windows", TensorProto.FLOAT, window_shape)]
     domains = [helper.make_opsetid("", OPSET)]
-    if isinstance(network, BandPowerNetwork):
+    if isinstance(network, FeatureNetwork):
         graph = Graph()
         if network.uses_speed:
             inputs.append(helper.make_tensor_value_info("speed", TensorProto.FLOAT, ["window"]))
-        _add_band_power_network(graph, classifier, network)
+        _add_feature_network(graph, classifier, network)
     elif isinstance(network, ExtraTrees):
         # Trees compare features of double precision, so that the same window takes the same path.
         graph = Graph(np.float64)
@@ -166,10 +169,10 @@ def _add_scaling(graph: Graph, classifier: FittedClassifier) -> str:
     return graph("Cast", scaled, to=TensorProto.FLOAT)
 
 
-def _add_band_power_network(
-    graph: Graph, classifier: FittedClassifier, network: BandPowerNetwork
+def _add_feature_network(
+    graph: Graph, classifier: FittedClassifier, network: FeatureNetwork
 ) -> None:
-    """Add `BandPowerNetwork.probabilities`."""
+    """Add `FeatureNetwork.probabilities`."""
     from onnx import helper
 
     layout = classifier.layout
@@ -179,7 +182,11 @@ def _add_band_power_network(
         default = network.settings["turns"] or math.nan
         turns = graph("Where", graph("IsNaN", specified), default, specified)
     samples = _add_scaling(graph, classifier)
-    features = _add_window_features(graph, network, samples, layout.length, turns)
+    if isinstance(network, LineProminenceNetwork):
+        features = _add_line_prominences(graph, samples, layout.length, turns)
+    else:
+        assert isinstance(network, BandPowerNetwork)
+        features = _add_window_features(graph, network, samples, layout.length, turns)
 
     weights = network.weights
     encoded = graph("Div", graph("Sub", features, weights["mean"]), weights["deviation"])
@@ -280,6 +287,111 @@ def _add_order_powers(
     mean = graph("Div", sums, graph("Max", width, 1e-6))
     is_beyond = graph("Less", width, MIN_ORDER_WIDTH)
     return graph("Where", is_beyond, graph.slice(power, n_lines - 1), mean)
+
+
+def _add_line_prominences(graph: Graph, x: str, length: int, turns: str | None) -> str:
+    """Add `line_prominences`, with the features of each channel one after another."""
+    x = graph.center(x)
+    x = graph("Div", x, graph("Max", graph.rms(x), prominence.MIN_DEVIATION))
+    lines_per_order = None if turns is None else graph("Mul", turns, float(length))
+
+    power = _add_line_powers(graph, x, length)
+    parts = [
+        _add_band_shape(graph, power, length // 2),
+        _add_most_prominent(graph, _add_prominences(graph, power, length // 2, lines_per_order)),
+    ]
+    spectrum = graph.transform(x)
+    last_line = length // 2
+    for low, high in prominence.ENVELOPE_BANDS:
+        first, end, count = prominence.envelope_lines(last_line, low, high)
+        envelope = _add_squared_envelope(graph, spectrum, first, end, count)
+        power = _add_line_powers(graph, envelope, count)
+        prominences = _add_prominences(graph, power, count // 2, lines_per_order)
+        parts.append(_add_most_prominent(graph, prominences))
+        if turns is not None:
+            parts += _add_comb_signature(graph, prominences)
+    return graph("Flatten", graph("Concat", *parts, axis=-1), axis=1)
+
+
+def _add_line_powers(graph: Graph, x: str, length: int) -> str:
+    """Add the power of each spectral line above the mean, of the signal with a Hann taper."""
+    lines = graph.slice(graph.transform(graph("Mul", x, hann_taper(length))), 1, axis=2)
+    return graph("Div", graph.power(lines), float(length))
+
+
+def _add_band_shape(graph: Graph, power: str, n_lines: int) -> str:
+    """Add log10 of the power in each logarithmic band less the mean over the bands."""
+    bands = graph("MatMul", power, band_shares(n_lines, prominence.N_SHAPE_BANDS))
+    return graph.center(graph.log10(graph("Add", bands, prominence.FLOOR)))
+
+
+def _add_squared_envelope(graph: Graph, spectrum: str, first: int, end: int, count: int) -> str:
+    """Add the squared envelope of the lines `first` to `end` (exclusive) over its mean, less 1."""
+    padding = graph.constant([0, 0, 0, 0, 0, 0, count - (end - first), 0], np.int64)
+    lines = graph("Pad", graph.slice(spectrum, first, end, axis=2), padding)
+    square = graph.power(graph("DFT", lines, axis=2, inverse=1))
+    mean = graph("Max", graph.mean(square), 1e-30)
+    return graph("Sub", graph("Div", square, mean), 1.0)
+
+
+def _add_prominences(graph: Graph, power: str, n_lines: int, lines_per_order: str | None) -> str:
+    """Add log10 of the power of each line less the mean over its neighbors.
+
+    The lines of each window lie elsewhere in its spectrum if its speed is used, so that the overlap
+    of spectral lines and lines is computed in the graph.
+    """
+    per_order: Any = float(prominence.LINES_PER_UNIT)
+    if lines_per_order is not None:
+        per_order = graph("Unsqueeze", lines_per_order, graph.constant([1, 2], np.int64))
+    position = (np.arange(prominence.N_LINES)[None, None] + 0.5) * prominence.LINE_SPACING
+    low = graph("Mul", per_order, position)
+    width = graph("Mul", per_order, prominence.LINE_SPACING)
+    low = graph("Max", 0.5, graph("Min", low, graph("Sub", n_lines + 0.5, width)))
+    high = graph("Add", low, width)
+
+    line = np.arange(1, n_lines + 1)[None, :, None]
+    overlap = graph("Sub", graph("Min", high, line + 0.5), graph("Max", low, line - 0.5))
+    mean_power = graph("Div", graph("MatMul", power, graph("Relu", overlap)), width)
+    logarithm = graph.log10(graph("Add", mean_power, prominence.FLOOR))
+    floor = graph("MatMul", logarithm, prominence.neighbor_weights())
+    return graph("Sub", logarithm, floor)
+
+
+def _add_most_prominent(graph: Graph, prominences: str) -> str:
+    """Add the most prominent line of each cell."""
+    shape = graph.constant([0, 0, prominence.N_CELLS, prominence.LINES_PER_CELL], np.int64)
+    return graph.reduce("Max", graph("Reshape", prominences, shape), keep=0)
+
+
+def _add_comb_signature(graph: Graph, prominences: str) -> list[str]:
+    """Add the numbers of the most prominent comb."""
+    harmonic = np.arange(1, prominence.N_HARMONICS + 1)
+    fundamentals = prominence.FUNDAMENTALS[:, None]
+    combs = graph.reduce(
+        "Mean", _add_prominences_at(graph, prominences, fundamentals * harmonic), 0
+    )
+    excluded = np.where(prominence.is_of_shaft(), -1e9, 0.0)
+    combs = graph("Add", combs, excluded)
+    best = graph("ArgMax", combs, axis=-1, keepdims=1)
+
+    numbers = [graph.reduce("Max", combs)]
+    for spacing in prominence.SIDEBAND_SPACINGS:
+        orders = prominence.sideband_orders(spacing)
+        sidebands = _add_prominences_at(graph, prominences, orders)
+        by_fundamental = graph.reduce("Mean", sidebands, keep=0)
+        numbers.append(graph("GatherElements", by_fundamental, best, axis=-1))
+    numbers.append(graph.mean(_add_prominences_at(graph, prominences, harmonic)))
+    return numbers
+
+
+def _add_prominences_at(graph: Graph, prominences: str, order: np.ndarray) -> str:
+    """Add the highest prominence within one line of each order; 0 beyond the last line."""
+    inner, is_covered = prominence.nearest_lines(order)
+    near = []
+    for offset in (-1, 0, 1):
+        index = graph.constant(inner + offset, np.int64)
+        near.append(graph("Gather", prominences, index, axis=2))
+    return graph("Mul", graph("Max", *near), is_covered)
 
 
 def _add_trees(graph: Graph, classifier: FittedClassifier, network: ExtraTrees) -> None:

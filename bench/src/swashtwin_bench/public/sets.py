@@ -105,6 +105,8 @@ class Split:
     """Every pair of sides."""
     floor: float
     """Balanced accuracy by window of the reference: extra trees on 48 bands."""
+    grades: tuple[str, ...] = ()
+    """Labels in ascending order if they are grades of one fault; empty if they are its kinds."""
 
     def select(self, groups: Collection[str]) -> list[Recording]:
         """Return the recordings of some groups."""
@@ -125,14 +127,35 @@ def _group_by_attribute(name: str) -> Callable[[Recording], str]:
     return lambda recording: recording.attributes[name]
 
 
+# Positions of the throttle in the suction: each cuts the flow by a quarter more.
+_CAVITATION_GRADES = (
+    "healthy",
+    "cavitation25",
+    "cavitation50",
+    "cavitation75",
+    "cavitation100",
+)
+
+
 def cavitation_splits(recordings: Sequence[Recording]) -> list[Split]:
-    """Return the split that holds out each nominal speed of the pump in turn."""
+    """Return the split that holds out each nominal speed of the pump in turn.
+
+    Its labels are grades.
+    """
     group = _group_by_attribute("speed_nominal")
     groups = {group(recording) for recording in recordings}
     speeds = sorted(groups, key=lambda text: parse_quantity(text, "rad/s"))
     folds = _hold_out_each(speeds)
 
-    return [Split("pump_cavitation/speed", tuple(recordings), group, folds, floor=0.38)]
+    split = Split(
+        "pump_cavitation/speed",
+        tuple(recordings),
+        group,
+        folds,
+        floor=0.38,
+        grades=_CAVITATION_GRADES,
+    )
+    return [split]
 
 
 def hydraulic_splits(recordings: Sequence[Recording]) -> list[Split]:

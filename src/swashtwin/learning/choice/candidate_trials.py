@@ -1,6 +1,6 @@
 """Choice of a candidate by trials on inner folds, as training does by default."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +12,7 @@ from swashtwin.learning.choice.candidates import (
     DISTURBED_TRAINING,
     Candidate,
 )
-from swashtwin.learning.networks.band_power_network import solve_together
-from swashtwin.learning.networks.window_features import window_features
+from swashtwin.learning.networks.feature_network import FeatureNetwork, solve_together
 from swashtwin.learning.training.candidate_choice import CandidateChoice, Trial
 from swashtwin.learning.training.classifier import Normalization
 from swashtwin.learning.training.confidence import likeliest_class
@@ -38,6 +37,13 @@ MAX_WINDOWS = 3000
 """Measured windows of a trial; if there are more, every recording lends its share."""
 MAX_FOLDS = 6
 """Maximum number of inner folds: each of up to six machines is held out once."""
+MIN_RANKING_MACHINES = 4
+"""Held-out machines from which the highest score decides.
+
+Bearings have one class each, so that scores of single bearings are near 0 or 1. The standard error
+between them is then as large as any difference between candidates, and everything would be tied.
+With two or three machines, one that a candidate suits by chance decides.
+"""
 TEST_SNR_DB = 5.0
 """Signal-to-noise ratio of the noisy test sides."""
 TEST_GAIN_DB = 12.0
@@ -63,9 +69,11 @@ def choose_candidate(
     hardest grouping in which every class stands in two groups. Each candidate is trained on the
     other folds and on the synthetic windows that were made without the tested fold
     (`fold_training_rows`). It is tested on the fold as it was measured, under noise at 5 dB, and
-    under gains of ±12 dB with speeds of ±2 %, by recording. The first candidate whose score is
-    within one standard error of the best (between the groups; Breiman and others 1984,
-    "Classification and Regression Trees") is chosen.
+    under gains of ±12 dB with speeds of ±2 %, by recording. If the folds hold out four machines or
+    more, the candidate of the highest score is chosen. Otherwise the groups are few, or the folds
+    do not show what changes from machine to machine: then the first candidate is chosen whose score
+    is within one standard error of the best (between the groups; Breiman and others 1984,
+    "Classification and Regression Trees").
 
     Returns
     -------
@@ -98,9 +106,8 @@ def choose_candidate(
 
     groups = window_groups(measured, group)
     trials = _score_trials(log_probability, measured, groups)
-    candidate = next(
-        candidate for candidate, trial in zip(CANDIDATES, trials, strict=True) if trial.is_tied
-    )
+    n_machines = len(np.unique(groups)) if group == "specimen" else 0
+    candidate = _select_candidate(trials, n_machines)
     predictions = _out_of_fold_predictions(
         candidate, views, windows, folds, log_probability[candidate.name][0]
     )
@@ -111,7 +118,7 @@ def choose_candidate(
         n_folds=len(folds),
         n_windows=len(predictions.target),
         reason="",
-        n_machines=len(np.unique(groups)) if group == "specimen" else 0,
+        n_machines=n_machines,
     )
     return candidate, choice, predictions
 
@@ -167,6 +174,10 @@ class _Views:
         self.measured = measured
         self.synthetic = synthetic
         self._normalization = Normalization.fit("set", self.windows)
+        # One network for each kind of features, which measures them for all of its candidates.
+        self._networks: dict[str, FeatureNetwork] = {}
+        for candidate in CANDIDATES:
+            self._networks.setdefault(candidate.features, candidate.network(self.windows))
 
         noise_rng, change_rng = (random_stream(seed, "trial", view) for view in _VIEWS[1:])
         noisy = _add_test_noise(measured, noise_rng)
@@ -175,29 +186,34 @@ class _Views:
 
         clean = self._features(self.windows)
         self.tests = [
-            clean[: len(measured)],
+            {kind: features[: len(measured)] for kind, features in clean.items()},
             self._features(replace(measured, signal=noisy)),
             self._features(replace(measured, signal=changed)),
         ]
-        """Features of the measured windows under each of `_VIEWS`."""
+        """Features of the measured windows under each of `_VIEWS`, by `Candidate.features`."""
 
-        features = [clean]
+        passes = [clean]
         rows = [np.arange(len(self.windows))]
         for number in range(DISTURBED_TRAINING.epochs):
             epoch_rows, disturbed = transform_windows(
                 self.windows, DISTURBED_TRAINING, seed, number + 1
             )
             if len(epoch_rows):
-                features.append(self._features(disturbed))
+                passes.append(self._features(disturbed))
                 rows.append(epoch_rows)
-        self.training_features = np.concatenate(features)
-        """Features of every training pass, clean and disturbed."""
+        self.training_features = {
+            kind: np.concatenate([features[kind] for features in passes]) for kind in clean
+        }
+        """Features of every training pass, clean and disturbed, by `Candidate.features`."""
         self.training_rows = np.concatenate(rows)
         """Index of the window behind each."""
 
-    def _features(self, windows: WindowSet) -> _WindowFeatures:
-        blocks = self._normalization.blocks(windows)
-        return np.concatenate([window_features(samples, None) for samples, _ in blocks])
+    def _features(self, windows: WindowSet) -> dict[str, _WindowFeatures]:
+        blocks: dict[str, list[_WindowFeatures]] = {kind: [] for kind in self._networks}
+        for samples, turns in self._normalization.blocks(windows):
+            for kind, network in self._networks.items():
+                blocks[kind].append(network.measure_at(samples, turns))
+        return {kind: np.concatenate(features) for kind, features in blocks.items()}
 
 
 def _add_test_noise(measured: WindowSet, rng: np.random.Generator) -> np.ndarray:
@@ -230,16 +246,19 @@ def _test_candidates(
         # The measured windows are the first ones, so that the indices of a fold hold for all.
         trained = fold_training_rows(windows.target, windows.specimen, windows.synthetic, tested)
         is_used = np.isin(views.training_rows, trained)
-        features = views.training_features[is_used]
         target = windows.target[views.training_rows[is_used]]
-        values = [network.shaped(features) for network in networks.values()]
-        # Together, so that the candidates share all draws and differ by their features only.
-        solve_together(list(networks.values()), values, target, derive_seed(seed, "trial", number))
+        for kind, all_features in views.training_features.items():
+            features = all_features[is_used]
+            members = [networks[each.name] for each in CANDIDATES if each.features == kind]
+            values = [network.shaped(features) for network in members]
+            # Together, so that they share all draws and differ by the gain only.
+            solve_together(members, values, target, derive_seed(seed, "trial", number))
 
-        for view, test_features in enumerate(views.tests):
-            for name, network in networks.items():
-                scores = network.scores(network.shaped(test_features[tested]))
-                log_probability[name][view][tested] = scores
+        for candidate in CANDIDATES:
+            network = networks[candidate.name]
+            for view, test_features in enumerate(views.tests):
+                scores = network.scores(network.shaped(test_features[candidate.features][tested]))
+                log_probability[candidate.name][view][tested] = scores
     report("trying candidates", len(folds), len(folds))
     return log_probability
 
@@ -264,7 +283,7 @@ def _out_of_fold_predictions(
     if has_all_windows and windows.fingerprint() == views.windows.fingerprint():
         network = candidate.network(windows)
         represented = RepresentedWindows(
-            network.shaped(views.training_features), views.training_rows
+            network.shaped(views.training_features[candidate.features]), views.training_rows
         )
     return OutOfFoldPredictions(
         probability=np.exp(log_probability[tested_rows]),
@@ -317,6 +336,28 @@ def _score_trials(
         )
         for name, scores in scores_by_group.items()
     ]
+
+
+def _select_candidate(trials: Sequence[Trial], n_machines: int) -> Candidate:
+    """Return the candidate with the best trial, or the first one tied with it if machines are few.
+
+    Parameters
+    ----------
+    trials : trials of `CANDIDATES`.
+    n_machines : machines that were each held out; 0 if folds did not hold out machines.
+    """
+    tied = [
+        (candidate, trial)
+        for candidate, trial in zip(CANDIDATES, trials, strict=True)
+        if trial.is_tied
+    ]
+    if n_machines < MIN_RANKING_MACHINES:
+        return tied[0][0]
+
+    best_score = max(trial.score for _, trial in tied)
+    return next(
+        candidate for candidate, trial in tied if trial.score >= best_score - _TIE_TOLERANCE
+    )
 
 
 def _recordings_right(

@@ -22,6 +22,7 @@ AnyNetwork: TypeAlias = "Network | SolvedNetwork"
 
 NETWORKS: dict[str, type | tuple[str, str]] = {
     "band_powers": ("band_power_network", "BandPowerNetwork"),
+    "line_prominences": ("line_prominence_network", "LineProminenceNetwork"),
     "extra_trees": ("tree_network", "ExtraTrees"),
     "random_forest": ("tree_network", "RandomForest"),
     "bitcn": ("bitcn", "BiTCN"),

@@ -32,7 +32,9 @@ class CandidateChoice:
     """The trials of all candidates, and the chosen one."""
 
     candidate: str
-    """Name of the chosen candidate, the first of those tied with the best (`choose_candidate`)."""
+    """Name of the chosen candidate: the best one, or with few machines the first one tied with it
+    (`choose_candidate`).
+    """
     trials: tuple[Trial, ...]
     """Trials of all candidates, in the declared order; empty if there are too few recordings."""
     group: str

@@ -1,4 +1,4 @@
-"""Fixtures that several test modules share, and what is left out where torch is not installed."""
+"""Fixtures that several test modules share, and what is skipped if a package is not installed."""
 
 import os
 import re
@@ -21,9 +21,8 @@ if TYPE_CHECKING:
 
     from swashtwin.pump import OperatingCondition, Pump
 
-# Fixtures import what they build, and torch is only looked for: the process that hands the tests
-# to the workers reads this file too, and runs no test.
-HAS_TORCH = find_spec("torch") is not None
+# Fixtures import what they build: the process that hands the tests to the workers reads this file
+# too, and runs no test.
 threadpoolctl.threadpool_limits(1)  # numpy may have been imported before this file
 hypothesis.settings.register_profile(
     "busy", deadline=None
@@ -31,34 +30,42 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("busy")
 
 NEEDS_EXTRA = re.compile(
-    r"No module named '(?:torch|numba|onnx\w*|paho|swashtwin_bench|imblearn|importlinter|grimp)\b.*"
-    r"|\S+ (?:needs|belongs to) \S+, which is not installed"
+    r"No module named '(?P<module>torch|numba|onnx\w*|paho|asammdf|swashtwin_bench|imblearn"
+    r"|importlinter|grimp)\b.*"
+    r"|\S+ (?:needs|belongs to) (?P<package>[\w.-]+), which is not installed"
 )
-"""How a test says that it needs more than the base install."""
+"""How a test reports that it needs more than the base install."""
 BASE = "tests/learning/test_default_without_torch.py"
 """The default way, which may never ask for more."""
 
 
 def _left_out(report: Any) -> Any:
-    """A report of a failure for want of an optional package as one of a skip, in an environment
-    without torch.
-    """
-    found = NEEDS_EXTRA.search(report.longreprtext) if report.failed and not HAS_TORCH else None
-    if found and not report.nodeid.startswith(BASE):
+    """Return the report of a test that lacks an optional package as that of a skipped test."""
+    if not report.failed or report.nodeid.startswith(BASE):
+        return report
+
+    found = NEEDS_EXTRA.search(report.longreprtext)
+    if found and not _is_installed(found["module"] or found["package"]):
         report.outcome, report.longrepr = "skipped", (str(report.nodeid), 0, found[0])
     return report
 
 
+def _is_installed(name: str) -> bool:
+    """Return whether a package is installed, which a test may have hidden."""
+    return find_spec(name.partition(".")[0].replace("-", "_")) is not None
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[None]:
-    """Without torch, a module that imports an optional package is skipped."""
+    """Skip a module that imports an optional package which is not installed."""
     return _left_out((yield))
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Iterator[None]:
-    """Without torch, a test that asks for an optional package is skipped; test_extras.py pins what
-    may ask.
+    """Skip a test that requires an optional package which is not installed.
+
+    test_extras.py pins which parts may require one.
     """
     return _left_out((yield))
 

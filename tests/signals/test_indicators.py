@@ -297,7 +297,9 @@ def test_the_statistics_of_a_long_recording_in_stretches_are_those_of_all_sample
         recording, lambda part: indicators_of(part, pistons=9)
     )
 
-    assert (parts.rows, parts.columns) == (whole.rows, whole.columns)
+    # as text, because the unknown pressure is NaN
+    assert str(parts.rows) == str(whole.rows)
+    assert parts.columns == whole.columns
     for name in ("rms", "peak", "crest_factor", "kurtosis", "skewness"):
         assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=1e-9)
 

@@ -79,11 +79,14 @@ class TorchStream(TorchDispatchMode):
         # Fused kernels that take no generator are replaced by their parts.
         if name == "native_dropout":
             return _dropout(*args, generator=generator)
-        if name in ("randn_like", "rand_like"):
+        if name in ("randn_like", "rand_like", "randint_like"):
             empty = torch.empty_like(args[0], **kwargs)
             if name == "randn_like":
                 return empty.normal_(generator=generator)
-            return empty.uniform_(generator=generator)
+            if name == "rand_like":
+                return empty.uniform_(generator=generator)
+            low, high = args[1:3] if len(args) > 2 else (0, args[1])
+            return empty.random_(low, high, generator=generator)
 
         if any(argument.name == "generator" for argument in func._schema.arguments):
             return func(*args, **{**kwargs, "generator": generator})

@@ -40,6 +40,8 @@ import { formatDecibels, formatNumber, formatQuantity, formatUnit } from "./numb
  * @property {((low: number, high: number) => void) | null} [onBand] Called when a band is dragged.
  * @property {(view: Range) => void} [onMove] Called when another part is shown.
  * @property {(pen: Pen, scale: Scale) => void} [drawOver] Draws over the series.
+ * @property {[number, string][]} [ticks] Values of the vertical axis and their texts.
+ * @property {(x: number) => void} [onPick] Called with a position that is clicked.
  */
 
 const LEFT = 56;
@@ -100,6 +102,8 @@ export class Chart {
     this.onBand = options.onBand ?? null;
     this.onMove = options.onMove ?? null;
     this.drawOver = options.drawOver ?? null;
+    this.ticks = options.ticks ?? null;
+    this.onPick = options.onPick ?? null;
 
     /** @type {"move" | "zoom" | "band"} what a drag does */
     this.drag = "move";
@@ -320,7 +324,9 @@ export class Chart {
    * @param {number} pixel
    */
   finishDrag(drag, pixel) {
-    if (drag.mode === "move" || Math.abs(pixel - drag.pixel) <= MIN_DRAG) return;
+    const isClick = Math.abs(pixel - drag.pixel) <= MIN_DRAG;
+    if (isClick) this.onPick?.(this.peakNear(pixel));
+    if (drag.mode === "move" || isClick) return;
 
     const ends = [this.positionOf(drag.pixel), this.positionOf(pixel)].sort((a, b) => a - b);
     const part = /** @type {Range} */ (ends);
@@ -378,18 +384,28 @@ export class Chart {
   }
 
   /**
+   * Return the position of a pixel; of a spectrum, that of the nearest peak.
+   *
+   * @param {number} pixel
+   */
+  peakNear(pixel) {
+    const x = this.positionOf(pixel);
+    const [low, high] = this.view;
+    const reach = (PEAK_REACH * (high - low)) / this.width;
+    return this.log && this.series[0]?.peak ? this.series[0].peak(x, reach) : x;
+  }
+
+  /**
    * State the values at the pointer; of a spectrum, those of the nearest peak.
    *
    * @param {number} pixel
    * @param {number} height from the top of the figure [px]
    */
   read(pixel, height) {
-    let x = this.positionOf(pixel);
     const [low, high] = this.view;
-    if (x < low || x > high) return;
-
-    const reach = (PEAK_REACH * (high - low)) / this.width;
-    if (this.log && this.series[0]?.peak) x = this.series[0].peak(x, reach);
+    const pointed = this.positionOf(pixel);
+    if (pointed < low || pointed > high) return;
+    const x = this.peakNear(pixel);
 
     const values = this.series.slice(0, MAX_READ_SERIES).map((line) => this.describe(line, x));
     if (this.picture) {
@@ -527,9 +543,9 @@ export class Chart {
    */
   paintAxes(pen, scale, columns) {
     const soft = scale.color("soft");
-    for (const value of this.verticalTicks(scale)) {
+    for (const [value, text] of this.ticks ?? this.verticalTicks(scale)) {
+      if (value < scale.minimum || value > scale.maximum) continue;
       const y = scale.up(value);
-      const text = this.log ? formatNumber(10 ** value, 2) : formatNumber(value, 4);
       pen.line([LEFT, y, scale.right, y], scale.color("grid"));
       pen.text(text, LEFT - 6, y + 4, soft, "end");
     }
@@ -547,13 +563,21 @@ export class Chart {
     pen.text(this.x, scale.right, 12, soft, "end");
   }
 
-  /** @param {Scale} scale */
+  /**
+   * Return values of the vertical axis and their texts.
+   *
+   * @param {Scale} scale
+   * @returns {[number, string][]}
+   */
   verticalTicks({ minimum, maximum }) {
-    if (!this.log) return roundValues(minimum, maximum, 5);
+    if (!this.log) {
+      return roundValues(minimum, maximum, 5).map((value) => [value, formatNumber(value, 4)]);
+    }
 
     // Powers of ten are marked if there are at least two; otherwise also parts of a decade.
     const values = roundValues(minimum, maximum, 6);
-    return maximum - minimum > 1.5 ? values.filter(Number.isInteger) : values;
+    const marked = maximum - minimum > 1.5 ? values.filter(Number.isInteger) : values;
+    return marked.map((value) => [value, formatNumber(10 ** value, 2)]);
   }
 
   /**
@@ -591,7 +615,8 @@ export class Chart {
     for (let n = lower.length - 3; n >= 0; n -= 3) {
       outline.push(scale.across(lower[n]), height(lower[n + 2]));
     }
-    pen.line(outline, "", { fill: `${scale.color(`line-${area.low.color % 6}`)}38` });
+    const ink = area.low.ink || `line-${area.low.color % 6}`;
+    pen.line(outline, "", { fill: `${scale.color(ink)}38` });
   }
 
   /**
@@ -613,7 +638,7 @@ export class Chart {
     }
     const isCurve = points.every((value, n) => n % 3 !== 2 || value === points[n - 1]);
     if (this.log || isCurve) {
-      pen.line(upperEdge, ink, { width: line.width ?? 1.2 });
+      pen.line(upperEdge, ink, { width: line.width ?? 1.2, dash: line.dash });
       return;
     }
     this.paintExtremes(pen, scale, points, upperEdge, ink);

@@ -1,19 +1,38 @@
-/** Recordings or classes in one figure, and what differs most. */
+/** Two recordings or classes in one figure, their difference, and what differs most. */
 import { Chart } from "./chart.js";
+import {
+  findOutside,
+  levelDifference,
+  MIN_HEALTHY,
+  Mirrored,
+  mirrorFloor,
+  mirrorTicks,
+  scatterOf,
+  summarize,
+} from "./comparison.js";
 import { element, scrollTable, selectMenu } from "./elements.js";
-import { formatLabel } from "./numbers.js";
+import { formatLabel, formatNumber } from "./numbers.js";
+import { PART_S, PairSound } from "./pair_sound.js";
 import { channelLines } from "./series.js";
-import { attempt, request } from "./server.js";
+import { attempt, attemptQuietly, request } from "./server.js";
 import { addressOf, readyRows, rememberAddress, state } from "./state.js";
+
+/** @typedef {import("./series.js").Lines} Lines */
 
 /** Recordings of a class that are shown. */
 const MAX_OF_CLASS = 12;
 const MAX_LINKS = 8;
 const FIRST_SPECTRUM_END = 3000;
 const FIRST_ORDER_END = 80;
-/** Opacity of lines if there are more than two. */
-const FAINT = "73";
+/** Widths of the bands of a difference. */
+const BAND_HZ = 5;
+const BAND_ORDERS = 0.25;
 const CLASS = "class:";
+const DASH = [6, 3];
+/** Color of each side, by its name in the style sheet. */
+const INKS = ["side-a", "side-b"];
+/** Left edge of a chart's field [px]. */
+const LEFT = 56;
 
 /**
  * A comparison of side B with side A: a change is the value of B minus that of A.
@@ -33,7 +52,17 @@ class ComparePage {
     this.sides = this.firstSides(values);
     this.channel = Number(values.channel ?? 0);
     this.kind = values.kind ?? "amplitude";
+    this.layout = values.layout ?? "overlaid";
+    /** Number of the newest comparison; previous ones end. */
+    this.comparisons = 0;
+    this.sound = new PairSound();
+    /** Side that is heard, and the frequency near which [Hz]. */
+    this.heard = 0;
+    /** @type {number | null} */
+    this.frequency = null;
+    this.start = 0;
     this.controls = element("div", { class: "row tight" });
+    this.listening = element("div", { class: "row tight" });
     this.results = element("div");
     this.showControls();
 
@@ -44,6 +73,7 @@ class ComparePage {
       element("h1", {}, "Compare"),
       element("p", { class: "soft" }, hint),
       this.controls,
+      this.listening,
       this.results,
     );
   }
@@ -67,7 +97,9 @@ class ComparePage {
       b = selected.filter((name) => !first.includes(name)).join("|");
     }
 
-    const [firstClass, secondClass] = state.classes;
+    // Recordings of the others may still be read.
+    const isReady = (/** @type {string} */ label) => this.members(CLASS + label).length > 0;
+    const [firstClass, secondClass] = state.classes.filter(isReady);
     a ||= firstClass ? CLASS + firstClass : this.rows[0].name;
     b ||= secondClass ? CLASS + secondClass : this.rows[1].name;
     return { a, b };
@@ -87,6 +119,15 @@ class ComparePage {
       this.kind = value;
       this.show();
     };
+    const selectLayout = (/** @type {string} */ value) => {
+      this.layout = value;
+      this.show();
+    };
+    /** @type {[string, string][]} */
+    const layouts = [
+      ["overlaid", "over each other"],
+      ["mirrored", "mirrored"],
+    ];
     /** @type {[string, string][]} */
     const kinds = [
       ["amplitude", "frequency"],
@@ -98,6 +139,7 @@ class ComparePage {
       element("button", { onclick: () => this.swapSides() }, "Swap A and B"),
       selectMenu("Channel", channels, this.channel, selectChannel),
       selectMenu("Spectrum over", kinds, this.kind, selectKind),
+      selectMenu("Drawn", layouts, this.layout, selectLayout),
     );
   }
 
@@ -152,16 +194,131 @@ class ComparePage {
 
   async show() {
     const { a, b } = this.sides;
-    rememberAddress("compare", { a, b, channel: this.channel, kind: this.kind });
+    const { channel, kind, layout } = this;
+    rememberAddress("compare", { a, b, channel, kind, layout });
+    this.comparisons += 1;
+    this.sound.stop();
+    this.frequency = null;
+    this.showListening();
 
     // New places: what was requested for other sides arrives in places that are no longer shown.
-    const figures = element("div", {}, element("p", { class: "soft" }, "Computing …"));
-    const table = element("div");
+    const figures = element("div");
+    const table = element("div", {}, element("p", { class: "soft" }, "Ranking the changes …"));
     this.results.replaceChildren(figures, table);
-    await Promise.all([
-      attempt(() => this.showSpectra(figures, a, b), figures),
-      attempt(() => this.showRanking(table, a, b), table),
-    ]);
+    await attempt(() => this.showSpectra(figures, a, b), figures);
+    await attempt(() => this.showRanking(table, a, b), table);
+  }
+
+  /** Show the buttons that play the first recording of each side. */
+  showListening() {
+    const rows = this.heardRows();
+    if (rows.length < 2) {
+      this.listening.replaceChildren();
+      return;
+    }
+    const buttons = rows.map((row, n) => this.sideButton(row, n));
+    const end = Math.max(0, Math.min(rows[0].duration, rows[1].duration) - PART_S);
+    const from = element("input", {
+      type: "number",
+      min: "0",
+      max: String(end),
+      step: "0.1",
+      value: String(Math.min(this.start, end)),
+      onchange: (/** @type {any} */ event) => {
+        this.start = Number(event.target.value);
+        if (this.sound.isPlaying) this.play();
+      },
+    });
+    const parts = [
+      element("span", {}, "Listen in turns, equally loud: "),
+      ...buttons,
+      element("label", {}, "from second ", from),
+    ];
+    if (this.frequency === null) {
+      const hint = "Click a line of the spectrum to hear only what is near it.";
+      parts.push(element("span", { class: "soft" }, hint));
+    } else {
+      const near = `Only near ${formatNumber(this.frequency, 4)} Hz `;
+      const all = element("button", { onclick: () => this.tune(null) }, "Hear all");
+      parts.push(element("span", {}, near, all));
+    }
+    this.listening.replaceChildren(...parts);
+  }
+
+  /**
+   * @param {import("./types.js").Row} row
+   * @param {number} side
+   */
+  sideButton(row, side) {
+    const name = side ? "B" : "A";
+    const isHeard = this.sound.isPlaying && this.heard === side;
+    const attributes = {
+      onclick: () => this.hear(side),
+      "aria-pressed": String(isHeard),
+      "aria-label": `${isHeard ? "Stop" : "Listen to"} ${name}: ${row.id}`,
+    };
+    return element("button", attributes, `${isHeard ? "■" : "▶"} ${name}`);
+  }
+
+  /** Return the first recording of each side. */
+  heardRows() {
+    const names = [this.members(this.sides.a)[0], this.members(this.sides.b)[0]];
+    return names.flatMap((name) => (name ? [state.rows.get(name)] : []));
+  }
+
+  /**
+   * Play a side, or stop it if it is heard.
+   *
+   * @param {number} side
+   */
+  async hear(side) {
+    const isSame = this.heard === side;
+    this.heard = side;
+    if (!this.sound.isPlaying) await this.play();
+    else if (isSame) this.sound.stop();
+    else this.sound.hear(side);
+    this.showListening();
+    // The buttons are new ones; the keyboard stays on it.
+    this.listening.querySelectorAll("button")[side]?.focus();
+  }
+
+  play() {
+    const { channel, start, heard, frequency } = this;
+    const rows = this.heardRows();
+    return attempt(() => this.sound.play(rows, channel, start, heard, frequency));
+  }
+
+  /** @param {number | null} frequency [Hz] */
+  tune(frequency) {
+    this.frequency = frequency;
+    this.sound.tune(frequency);
+    this.showListening();
+  }
+
+  /**
+   * Return the spectrum of each recording, and show how long the others will take; null if another
+   * comparison began meanwhile.
+   *
+   * @param {HTMLElement} place
+   * @param {string[]} names
+   */
+  async readSpectra(place, names) {
+    const { kind, comparisons } = this;
+    const meter = element("progress", { max: names.length, value: 0, "aria-label": "Spectra" });
+    const note = element("span", {}, `Computing ${names.length} spectra …`);
+    place.replaceChildren(element("p", { class: "soft", role: "status" }, meter, " ", note));
+
+    const begun = performance.now();
+    const spectra = [];
+    for (const name of names) {
+      spectra.push(await request("spectrum", { name, kind }));
+      if (comparisons !== this.comparisons) return null;
+      const count = spectra.length;
+      const left = ((performance.now() - begun) / count / 1000) * (names.length - count);
+      meter.value = count;
+      note.textContent = `${count} of ${names.length} spectra, about ${left.toFixed(0)} s left`;
+    }
+    return spectra;
   }
 
   /**
@@ -170,55 +327,117 @@ class ComparePage {
    * @param {string} b
    */
   async showSpectra(place, a, b) {
-    const { channel, kind } = this;
     const first = this.members(a);
-    const second = this.members(b);
-    const names = [...first, ...second];
-    const faint = names.length > 2 ? FAINT : "";
-    const series = [];
-    let spectrum = null;
-    for (const [n, name] of names.entries()) {
-      const current = await request("spectrum", { name, kind });
-      spectrum ??= current;
-      const lines = channelLines(current.channels, current.amplitude, current.step);
-      const line = lines[channel];
-      if (!line) continue;
-      line.name = state.rows.get(name).id;
-      line.color = n < first.length ? 0 : 1;
-      line.faint = faint;
-      series.push(line);
+    const names = [...first, ...this.members(b)];
+    const spectra = await this.readSpectra(place, names);
+    if (!spectra) return;
+
+    const lines = spectra.map((current) => {
+      const channels = channelLines(current.channels, current.amplitude, current.step);
+      return channels[Math.min(this.channel, channels.length - 1)];
+    });
+    const parts = [lines.slice(0, first.length), lines.slice(first.length)];
+    if (!parts.every((part) => part.length)) {
+      throw new Error("Each side requires a recording that can be read.");
+    }
+    const sides = parts.map(summarizeSide);
+
+    const isOrder = this.kind === "order";
+    const spectrum = spectra[0];
+    const hertz = isOrder ? spectrum.shaft : 1;
+    const end = Math.min(...sides.map(({ middle }) => middle.step * middle.values.length));
+    const axis = {
+      x: isOrder ? "order" : "Hz",
+      shaft: isOrder ? null : spectrum.shaft,
+      limits: [0, end],
+      view: [0, Math.min(end, isOrder ? FIRST_ORDER_END : FIRST_SPECTRUM_END)],
+      marks: spectrum.marks,
+      onPick: (/** @type {number} */ x) => hertz && this.tune(x * hertz),
+    };
+    const source = spectrum.excerpts ? `; ${spectrum.excerpts}` : "";
+    const both = this.drawBoth(sides, axis, spectrum.unit, source);
+
+    const width = isOrder ? BAND_ORDERS : BAND_HZ;
+    const difference = levelDifference(sides[1].middle, sides[0].middle, width);
+    const scatter = await this.findScatter(names, lines, width);
+    const changes = drawDifference(difference, scatter, axis);
+    linkViews([both, changes]);
+    place.replaceChildren(
+      this.legend(parts),
+      both.element,
+      changes.element,
+      describeDifference(difference, scatter, axis),
+    );
+  }
+
+  /** @param {Lines[][]} parts spectra of each side */
+  legend(parts) {
+    const sides = [this.sides.a, this.sides.b].map((side, n) => {
+      const count = parts[n].length;
+      const drawn = this.layout === "mirrored" ? "median" : "median and range";
+      const what = count > 1 ? `, ${drawn} of ${count} recordings` : "";
+      return element("span", { class: INKS[n] }, `${n ? "B" : "A"}: ${this.describe(side)}${what}`);
+    });
+    return element("p", { class: "sides" }, sides);
+  }
+
+  /**
+   * Return the figure of both sides, over each other or mirrored.
+   *
+   * @param {ReturnType<typeof summarizeSide>[]} sides
+   * @param {any} axis
+   * @param {string} unit
+   * @param {string} source
+   */
+  drawBoth(sides, axis, unit, source) {
+    const series = sides.map(({ middle }) => middle);
+    const common = { ...axis, y: unit, unit };
+    if (this.layout !== "mirrored") {
+      const title = `Spectra of A and B${source}`;
+      const areas = sides.filter(({ count }) => count > 1);
+      return new Chart({ ...common, title, log: true, height: 300, areas, series });
+    }
+    const floor = mirrorFloor(series);
+    return new Chart({
+      ...common,
+      title: `Spectra of A (upward) and B (downward)${source}`,
+      height: 340,
+      series: series.map((line, n) => new Mirrored(line, n ? -1 : 1, floor)),
+      ticks: mirrorTicks(floor).map(([value, amplitude]) => [value, formatNumber(amplitude, 2)]),
+      drawOver: drawZero,
+    });
+  }
+
+  /**
+   * Return how far healthy recordings scatter about their median, and of which; null if too few are
+   * known.
+   *
+   * They are those that are compared, or else those like the first recording of side B.
+   *
+   * @param {string[]} names
+   * @param {Lines[]} lines
+   * @param {number} width of a band
+   */
+  async findScatter(names, lines, width) {
+    const healthy = lines.filter((_, n) => state.rows.get(names[n]).healthy);
+    if (healthy.length >= MIN_HEALTHY) {
+      const source = `${healthy.length} healthy recordings compared here`;
+      return { ...scatterOf(healthy, width), source };
     }
 
-    const isOrder = kind === "order";
-    const end = Math.max(...series.map((line) => line.step * line.values.length));
-    const makeChart = (
-      /** @type {string} */ title,
-      /** @type {import("./types.js").Series[]} */ lines,
-      /** @type {number} */ height,
-    ) =>
-      new Chart({
-        title,
-        x: isOrder ? "order" : "Hz",
-        y: spectrum.unit,
-        unit: spectrum.unit,
-        log: true,
-        height,
-        shaft: isOrder ? null : spectrum.shaft,
-        limits: [0, end],
-        view: [0, Math.min(end, isOrder ? FIRST_ORDER_END : FIRST_SPECTRUM_END)],
-        marks: spectrum.marks,
-        series: lines,
-      });
-
-    const titleA = `A: ${this.describe(a)}`;
-    const titleB = `B: ${this.describe(b)}`;
-    const source = spectrum.excerpts ? `; ${spectrum.excerpts}` : "";
-    const both = makeChart(`${titleA} (blue) and ${titleB} (red)${source}`, series, 300);
-    const onlyA = makeChart(titleA, series.slice(0, first.length), 180);
-    const onlyB = makeChart(titleB, series.slice(first.length), 180);
-    linkViews([both, onlyA, onlyB]);
-    const columns = element("div", { class: "columns" }, onlyA.element, onlyB.element);
-    place.replaceChildren(both.element, columns);
+    const { kind, channel } = this;
+    const name = this.members(this.sides.b)[0];
+    const answer = await attemptQuietly(() => request("spectrum", { name, kind, healthy: "true" }));
+    if (!answer || (answer.healthy?.length ?? 0) < MIN_HEALTHY) return null;
+    const [low, middle, high] = [answer.low, answer.middle, answer.high].map((text) => {
+      const channels = channelLines(answer.channels, text, answer.step);
+      return channels[Math.min(channel, channels.length - 1)];
+    });
+    return {
+      low: levelDifference(low, middle, width),
+      high: levelDifference(high, middle, width),
+      source: `${answer.healthy.length} healthy recordings at the operating point of B`,
+    };
   }
 
   /**
@@ -256,6 +475,85 @@ class ComparePage {
     );
     place.replaceChildren(section);
   }
+}
+
+/**
+ * Return median and range of the spectra of a side, drawn as its side.
+ *
+ * @param {Lines[]} spectra
+ * @param {number} side
+ */
+function summarizeSide(spectra, side) {
+  const { low, middle, high } = summarize(spectra);
+  middle.name = side ? "B" : "A";
+  middle.width = 1.6;
+  middle.dash = side ? DASH : [];
+  middle.ink = INKS[side];
+  low.ink = INKS[side];
+  return { low, middle, high, count: spectra.length };
+}
+
+/**
+ * @param {import("./drawing.js").Pen} pen
+ * @param {import("./chart.js").Scale} scale
+ */
+function drawZero(pen, { up, color, right }) {
+  pen.line([LEFT, up(0), right, up(0)], color("soft"));
+}
+
+/** @typedef {{low: Lines, high: Lines, source: string} | null} Scatter */
+
+/**
+ * @param {Lines} difference
+ * @param {Scatter} scatter
+ * @param {any} axis
+ */
+function drawDifference(difference, scatter, axis) {
+  difference.name = "B − A";
+  difference.ink = "ink";
+  if (scatter) scatter.low.ink = "soft";
+  const gray = scatter ? "; gray: scatter of healthy recordings" : "";
+  return new Chart({
+    ...axis,
+    title: `B − A in bands of ${formatNumber(difference.step)} ${axis.x}${gray}`,
+    y: "dB",
+    unit: "dB",
+    height: 200,
+    areas: scatter ? [scatter] : [],
+    series: [difference],
+    drawOver: drawZero,
+  });
+}
+
+/**
+ * Return a sentence on what of a difference lies outside the scatter of healthy recordings.
+ *
+ * @param {Lines} difference
+ * @param {Scatter} scatter
+ * @param {any} axis
+ */
+function describeDifference(difference, scatter, axis) {
+  if (!scatter) {
+    const text =
+      `No scatter is known: it requires ${MIN_HEALTHY} healthy recordings of the same machine, ` +
+      "speed and pressure.";
+    return element("p", { class: "soft" }, text);
+  }
+
+  const end = axis.view[1];
+  const found = findOutside(difference, scatter, end);
+  const describe = (/** @type {number} */ position) =>
+    axis.x === "Hz" ? `${formatNumber(position, 4)} Hz` : `order ${formatNumber(position)}`;
+  const share = `${Math.round(100 * found.share)} % of the bands`;
+  const parts = [`${share} up to ${describe(end)} lie outside the scatter.`];
+  if (found.excess) {
+    const sign = found.change > 0 ? "+" : "";
+    const order = axis.shaft ? ` (order ${formatNumber(found.position / axis.shaft)})` : "";
+    const place = `${describe(found.position)}${order}`;
+    parts.push(`Farthest outside: ${sign}${found.change.toFixed(1)} dB at ${place}.`);
+  }
+  parts.push(`The scatter is the largest deviation from the median of ${scatter.source}.`);
+  return element("p", {}, parts.join(" "));
 }
 
 /** @param {{band: string, channel: string, change: number, spreads: number}[]} rows */
@@ -301,6 +599,7 @@ function linkViews(charts) {
  * @returns {Promise<import("./types.js").Page>}
  */
 export async function openCompare(place, values) {
-  await new ComparePage(place, values).show();
-  return {};
+  const page = new ComparePage(place, values);
+  await page.show();
+  return { leave: () => page.sound.stop() };
 }

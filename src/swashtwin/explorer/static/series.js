@@ -20,6 +20,11 @@ export class Lines {
     this.color = color;
     this.start = start;
     this.faint = "";
+    this.ink = "";
+    /** @type {number | undefined} */
+    this.width = undefined;
+    /** @type {number[]} */
+    this.dash = [];
   }
 
   /** @param {number} x */

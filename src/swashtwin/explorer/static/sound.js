@@ -3,10 +3,10 @@ import { requestSamples } from "./server.js";
 
 const MAX_SAMPLES = 4e6;
 /** Sample rates that browsers accept [Hz]. */
-const MIN_RATE = 3000;
-const MAX_RATE = 192000;
+export const MIN_RATE = 3000;
+export const MAX_RATE = 192000;
 /** Peak of what is played, so that it is not clipped. */
-const PEAK = 0.9;
+export const PEAK = 0.9;
 
 export class Sound {
   constructor() {

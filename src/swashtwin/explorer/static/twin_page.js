@@ -717,7 +717,11 @@ function jobProgress({ step, total, loss }) {
   const steps = total ? `${step} of ${total}` : step;
   const misfit = loss === null ? "" : `, misfit ${formatNumber(loss)}`;
   const stop = () => attempt(() => send("twin_stop", {}));
-  return [bar, ` step ${steps}${misfit} `, element("button", { onclick: stop }, "Stop the calibration")];
+  return [
+    bar,
+    ` step ${steps}${misfit} `,
+    element("button", { onclick: stop }, "Stop the calibration"),
+  ];
 }
 
 /** @param {any} job */

@@ -48,6 +48,7 @@
  * @property {number} [width] Width of the line [px].
  * @property {number} [stems] If set, values are upright lines, shifted by as many pixels.
  * @property {string} [ink] Name of a color of the style sheet.
+ * @property {number[]} [dash] Lengths of dashes and gaps [px].
  * @property {string} [faint] Opacity as two hexadecimal digits.
  */
 

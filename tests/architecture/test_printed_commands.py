@@ -10,6 +10,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Callable, Container, Iterator
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -228,7 +229,10 @@ def prepare_library(folder: Path, rig: Path) -> None:
     """Write recordings of six pumps, and healthy ones of another pump with a new one."""
     size = RigSize(specimens=6, repeats=2, duration=1.25)
     build_rig(folder / "maker", seed=1, size=size, version="3")
-    recordings = list(load_recordings(rig / "rig", label="normal", specimen="A"))
+
+    # of the second fleet, pump B has nine pistons, as the page states
+    build_rig(folder / "plant", seed=3, size=replace(size, specimens=2), version="3")
+    recordings = list(load_recordings(folder / "plant", label="normal", specimen="B"))
     files = [
         write_recording(item, folder / "healthy" / f"{item.recording_id}.h5") for item in recordings
     ]

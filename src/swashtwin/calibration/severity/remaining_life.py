@@ -299,7 +299,7 @@ def _log_likelihood(
 
 def _transform(values: Float[np.ndarray, "..."], power: float) -> Float[np.ndarray, "..."]:
     if power == 0:
-        return np.log(values)
+        return np.asarray(np.log(values))
     return np.asarray((values**power - 1) / power)
 
 

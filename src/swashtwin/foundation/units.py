@@ -130,7 +130,9 @@ def _pint_unit(text: str) -> "Unit | None":
         return None
     try:
         unit = _registry().parse_units(text)
-        _ = unit.dimensionality  # of Pa/dB, pint finds out only here that it is not a unit
+        # For Pa/dB, pint reports only here that it is not a unit, and from 0.26 on at a conversion.
+        _ = unit.dimensionality
+        _registry().Quantity(1.0, unit).to_root_units()
         return unit
     except (
         pint.errors.PintError,

@@ -1,10 +1,12 @@
 """The study of remaining lives: its courses, its straight line, and what it counts."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from swashtwin_bench.questions import life as study
 from swashtwin_bench.questions.life import (
     LIFE_DAYS,
     LifeStudySettings,
@@ -66,6 +68,25 @@ def test_a_forecast_is_counted_by_its_interval() -> None:
     assert "1 of 1 lives are stated; 1 of 1 intervals hold the truth" in answer
     (answer,) = _answer([FORECAST], LifeStudySettings(at=(9,)))
     assert answer == "After 9 recordings no remaining life is stated."
+
+
+def test_a_course_that_is_finished_is_not_computed_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed = []
+
+    def forecast(seed: int, kind: str, settings: LifeStudySettings) -> list[_Forecast]:
+        computed.append(seed)
+        # a straight line may never meet the limit, which JSON must hold too
+        return [replace(FORECAST, seed=seed, line=(55.0, np.inf, np.inf))]
+
+    monkeypatch.setattr(study, "_forecast", forecast)
+    settings = LifeStudySettings(kinds=("piston",), at=(6,))
+    work = Work(seeds=(1, 2), out=tmp_path)
+    first = life(work, settings)
+    again = life(work, settings)
+    assert computed == [1, 2]
+    assert again.answer == first.answer
 
 
 @pytest.mark.nightly

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -15,10 +17,10 @@ from swashtwin.calibration import (
     estimate_remaining_life,
     estimate_severity,
 )
-from swashtwin.foundation import mm, random_stream
+from swashtwin.foundation import from_table, mm, random_stream
 from swashtwin.physics import Twin
 from swashtwin.pump import FAULT_KINDS, SwashPlateDefect, load_pump
-from swashtwin_bench.results.runs import Work
+from swashtwin_bench.results.runs import Task, Work
 from swashtwin_bench.results.table import StudyTable, Trial, describe_origin
 from swashtwin_bench.rigs.courses import TRENDS, PlantCourse, plant_course
 from swashtwin_bench.rigs.writing import RIG_VERSION
@@ -121,11 +123,13 @@ def life(work: Work, settings: LifeStudySettings) -> StudyTable:
     ----------
     work : its seeds are fleets of the rig; one pump of each wears once with each fault.
     """
-    courses = [(seed, kind, settings) for seed, kind in product(work.seeds, settings.kinds)]
+    courses = [
+        (seed, kind, settings, work.out) for seed, kind in product(work.seeds, settings.kinds)
+    ]
     trials: list[Trial] = []
     forecasts: list[_Forecast] = []
-    for of_course in work.map("courses", _run, courses):
-        for forecast in of_course:
+    for run in work.map("courses", _run, courses):
+        for forecast in from_table(run["forecasts"], list[_Forecast]):
             factors = {"fault": forecast.kind, "recordings": str(forecast.recordings)}
             trials.append(Trial(factors, forecast.seed, forecast.values()))
             forecasts.append(forecast)
@@ -148,7 +152,17 @@ def life(work: Work, settings: LifeStudySettings) -> StudyTable:
     )
 
 
-def _run(seed: int, kind: str, settings: LifeStudySettings) -> list[_Forecast]:
+def _run(seed: int, kind: str, settings: LifeStudySettings, out: Path | None) -> dict[str, Any]:
+    """Return the forecasts of a course as JSON values, from `out` if they are there."""
+    # other faults of the study do not change this one
+    course_settings = asdict(replace(settings, kinds=(kind,)))
+    task = Task("life", seed, {"fault": kind}, course_settings, f"virtual rig {settings.rig}")
+    return task.run(
+        out, lambda: {"forecasts": [asdict(item) for item in _forecast(seed, kind, settings)]}
+    )
+
+
+def _forecast(seed: int, kind: str, settings: LifeStudySettings) -> list[_Forecast]:
     """Return the remaining life at each time of a course, with the truth and a straight line's."""
     typical = TRENDS[kind].severity
     progress, end_of_life = _draw_course(seed, kind, settings)
@@ -253,13 +267,15 @@ def _answer(forecasts: Sequence[_Forecast], settings: LifeStudySettings) -> list
             continue
         widths = [row["width"] for row in rows if "width" in row]
         line_errors = [row["line_error"] for row in rows if math.isfinite(row["line_error"])]
+        line_error = "never meets the limit"
+        if line_errors:
+            line_error = f"error {math.expm1(float(np.median(line_errors))):.0%}"
         errors = [row["error"] for row in rows if "error" in row]
         sentences.append(
             f"After {count} recordings {len(held)} of {len(rows)} lives are stated; "
             f"{sum(held):.0f} of {len(held)} intervals hold the truth, their ends differ by a "
             f"factor of {np.median(widths):.2g} in the median, and the median error is "
             f"{math.expm1(float(np.median(errors))):.0%}. A straight line: "
-            f"{sum(row['line_coverage'] for row in rows):.0f} of {len(rows)} hold, error "
-            f"{math.expm1(float(np.median(line_errors))):.0%}."
+            f"{sum(row['line_coverage'] for row in rows):.0f} of {len(rows)} hold, {line_error}."
         )
     return sentences

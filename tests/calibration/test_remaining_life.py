@@ -21,7 +21,10 @@ SCATTER = 0.04
 
 
 def make_trend(
-    values: Sequence[float], verdict: SeverityVerdict = "identified", log_std: float = 0.06
+    values: Sequence[float],
+    verdict: SeverityVerdict = "identified",
+    half_width: float = 1.1,
+    last_verdict: SeverityVerdict | None = None,
 ) -> SeverityTrend:
     """Return a trend of clearances [m]."""
     condition = OperatingCondition(speed=90.0, discharge_pressure=15e6)
@@ -32,7 +35,14 @@ def make_trend(
             condition=condition,
             fault=PistonWear(value),
             dimensions=(
-                DimensionEstimate(clearance, value, (0.9 * value, 1.1 * value), log_std, verdict),
+                DimensionEstimate(
+                    clearance,
+                    value,
+                    (value / half_width, half_width * value),
+                    # what it would be without the error of the law, which the interval includes
+                    log_std=0.01,
+                    verdict=last_verdict if last_verdict and number == len(values) - 1 else verdict,
+                ),
             ),
             evidence=100.0,
             threshold=4.0,
@@ -69,7 +79,7 @@ def test_the_remaining_time_of_a_known_growth_lies_in_its_interval(law: str) -> 
     assert life.interval[0] < true_days < life.interval[1]
     assert life.interval[1] / life.interval[0] < 5
     assert life.as_of == START + timedelta(days=49)
-    assert life.text.endswith("days")
+    assert " days (90 %: " in life.text
 
 
 def test_intervals_hold_for_growths_between_linear_and_exponential() -> None:
@@ -108,10 +118,45 @@ def test_a_severity_that_does_not_grow_determines_no_time() -> None:
 
 
 def test_a_limit_that_is_reached_is_reported() -> None:
-    life = estimate_remaining_life(
-        make_trend(scattered(um(30) + um(2) * DAYS)), dates_after(DAYS), um(100)
-    )
+    course = scattered(um(30) + um(2) * DAYS)
+    life = estimate_remaining_life(make_trend(course), dates_after(DAYS), um(100))
     assert (life.days, life.text) == (0.0, "reached")
+
+    # the interval of the newest severity reaches below the limit: perhaps it is reached
+    unsure = estimate_remaining_life(
+        make_trend(course, half_width=1.5), dates_after(DAYS), course[-1] / 1.1
+    )
+    assert unsure.interval is not None
+    assert unsure.interval[0] < 1
+
+
+def test_the_error_of_the_law_widens_the_interval() -> None:
+    course = scattered(um(30) + um(2) * DAYS)
+    ratios = []
+    for half_width in (1.05, 1.15, 1.4):
+        trend = make_trend(course, half_width=half_width)
+        life = estimate_remaining_life(trend, dates_after(DAYS), um(200))
+        assert life.interval is not None
+        ratios.append(life.interval[1] / life.interval[0])
+    assert ratios == sorted(ratios)
+    assert ratios[-1] > 1.5 * ratios[0]
+
+
+@pytest.mark.parametrize("verdict", ["at bound", "in doubt", "not detected"])
+def test_a_newest_severity_that_is_not_used_is_no_reason_for_silence(
+    verdict: SeverityVerdict,
+) -> None:
+    course = scattered(um(30) + um(2) * DAYS)
+    life = estimate_remaining_life(
+        make_trend(course, last_verdict=verdict), dates_after(DAYS), um(200)
+    )
+    assert life.text == f"not yet known: the newest severity is {verdict}"
+
+
+def test_a_severity_beyond_the_search_exceeds_a_limit() -> None:
+    course = [*scattered(um(30) + um(2) * DAYS[:-1]), um(400)]
+    trend = make_trend(course, last_verdict="at bound")
+    assert estimate_remaining_life(trend, dates_after(DAYS), um(200)).text == "reached"
 
 
 @pytest.mark.parametrize(
@@ -145,6 +190,11 @@ def test_bad_limits_and_dates_are_reported() -> None:
         estimate_remaining_life(trend, dates_after(range(4)), float("nan"))
     with pytest.raises(InputError, match="3 dates for 4 severities"):
         estimate_remaining_life(trend, dates_after(range(3)), um(100))
+    mixed = [
+        date.replace(tzinfo=None if number else UTC) for number, date in enumerate([START] * 4)
+    ]
+    with pytest.raises(InputError, match="some dates have a time zone"):
+        estimate_remaining_life(trend, mixed, um(100))
 
 
 def test_a_recording_without_a_date_is_named() -> None:

@@ -478,7 +478,7 @@ def _print_remaining_life(trend: "SeverityTrend", life: "RemainingLife") -> None
     dimension = trend.estimates[0].severity.dimension
     limit = f"{dimension.name} {dimension.format_value(life.limit)}"
     since = "" if life.as_of is None else f", from {life.as_of:%Y-%m-%d %H:%M}"
-    print_text(f"remaining time until {limit}{since} (90 % interval): {life.text}")
+    print_text(f"remaining time until {limit}{since}: {life.text}")
 
 
 def _warn_of_other_machine(

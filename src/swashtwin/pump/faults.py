@@ -387,8 +387,11 @@ def read_severity(kind: str, text: str) -> float:
     """
     typical = read_fault(kind)
     if typical is None:
-        raise InputError(f"{kind!r} is no fault with a severity; name one, such as piston.")
+        raise InputError(f"{kind!r} has no severity: use a kind of fault, such as piston.")
     name = fields(typical)[0].name
+    severity = parse_quantity(text, typical.units.get(name, "1"), name=f"the severity of {kind}")
+    if not (math.isfinite(severity) and severity > 0):
+        raise InputError(f"the severity of {kind}, {text!r}, must be above zero.")
     return float(getattr(read_fault(kind, **{name: text}), name))
 
 

@@ -310,9 +310,9 @@ def test_severities_of_an_alarm_tell_how_long_the_pump_lasts() -> None:
         point = {
             "kind": "piston",
             "value": 40e-6 * 1.1**week,
+            "interval": [36e-6 * 1.1**week, 44e-6 * 1.1**week],
             "verdict": "identified",
             "repeatability": 0.03,
-            "log_std": 0.09,
         }
         request = SeverityRequest(machine, "piston", Path("x.h5"), time=time, course=course)
         answer = request._follow("Severity.", point)
@@ -324,12 +324,37 @@ def test_severities_of_an_alarm_tell_how_long_the_pump_lasts() -> None:
     low, high = answer["remaining_life"]["interval"]
     # 40 um grows by 10 % in a week: 17 weeks to 200 um
     assert low < 7 * (np.log(5) / np.log(1.1) - 5) < high
-    assert answer["sentence"].startswith("Severity. Remaining time until 200 um (90 % interval): ")
+    assert answer["sentence"].startswith("Severity. Remaining time until 200 um: ")
 
-    # another kind of fault begins another course
+    # another kind of fault has no limit here, and does not end the course of this one
     leak = {**point, "kind": "scratched_valve_plate"}
-    request = SeverityRequest(machine, "valve_plate", Path("x.h5"), time=time, course=course)
-    assert [entry["kind"] for entry in request._follow("", leak)["course"]] == [leak["kind"]]
+    later = time + timedelta(days=7)
+    request = SeverityRequest(machine, "valve_plate", Path("x.h5"), time=later, course=course)
+    answer = request._follow("", leak)
+    assert len(answer["course"]) == 7
+    assert "remaining_life" not in answer
+
+    # a recording that is measured again counts once
+    again = SeverityRequest(machine, "piston", Path("x.h5"), time=time, course=course)
+    assert len(again._follow("", point)["course"]) == 6
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "is_confirmed"),
+    [(None, None, True), (None, 30.0, False), (30.0, 28.0, True), (2.0, 0.0, False)],
+)
+def test_a_message_is_due_when_the_remaining_time_becomes_known_or_ends(
+    before: float | None, after: float | None, is_confirmed: bool
+) -> None:
+    severity = {
+        "label": "piston",
+        "certainty": "sure",
+        "verdict": "identified",
+        "value": 204.0,
+        "interval": [170.0, 225.0],
+    }
+    previous, newer = ({**severity, "remaining_life": {"days": days}} for days in (before, after))
+    assert severities._is_confirmed(previous, newer) == is_confirmed
 
 
 def test_a_finding_is_refused_if_the_machine_had_no_alarm(tmp_path: Path) -> None:

@@ -78,8 +78,9 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
     ("limits", "message"),
     [
         ("piston = '200'", "severity_limits: piston: .*200"),
-        ("pistn = '200 um'", "did you mean 'piston'|piston"),
-        ("normal = '200 um'", "no fault with a severity"),
+        ("pistn = '200 um'", "severity_limits: pistn: .*'pistn'"),
+        ("piston = '0 um'", "must be above zero"),
+        ("normal = '200 um'", "has no severity: use a kind of fault"),
     ],
 )
 def test_a_limit_of_a_severity_is_checked_when_the_file_is_read(

@@ -45,8 +45,14 @@ LIFE_DAYS = 100.0
 
 _FIRST_DATE = datetime(2026, 1, 1, tzinfo=UTC)
 
-# Steps of the integration of a course.
+# Steps of the integration of a course, for each unit of time.
 _N_STEPS = 4000
+
+# Rate of wear without its wander: a linear course then lasts about one unit of time.
+_RATE = 2.0
+
+# Time in which the rate forgets its value.
+_RATE_MEMORY = 0.25
 
 
 @dataclass(frozen=True)
@@ -180,6 +186,7 @@ def _forecast(seed: int, kind: str, settings: LifeStudySettings) -> list[_Foreca
     if isinstance(start, SwashPlateDefect):
         start = replace(start, length=START)
     trend = estimate_severity(calibration, worn, start, healthy=healthy)
+    assert len(trend.estimates) == settings.worn
 
     step_days = 0.75 * LIFE_DAYS / (settings.worn - 1)
     days = step_days * np.arange(settings.worn)
@@ -216,7 +223,7 @@ def _draw_course(
     rng = random_stream(seed, "life", kind)
     power = rng.uniform(0, 1)
     step = 1 / _N_STEPS
-    memory = math.exp(-step / 0.25)
+    memory = math.exp(-step / _RATE_MEMORY)
     noise = rng.normal(size=4 * _N_STEPS)
     deviation = rng.normal()
 
@@ -225,7 +232,7 @@ def _draw_course(
         if severity[-1] >= settings.limit:
             break
         deviation = memory * deviation + math.sqrt(1 - memory**2) * innovation
-        rate = 2.0 * math.exp(settings.wander * deviation)
+        rate = _RATE * math.exp(settings.wander * deviation)
         severity.append(severity[-1] + step * rate * severity[-1] ** power)
 
     # any course is stretched to the same life
@@ -266,16 +273,21 @@ def _answer(forecasts: Sequence[_Forecast], settings: LifeStudySettings) -> list
             sentences.append(f"After {count} recordings no remaining life is stated.")
             continue
         widths = [row["width"] for row in rows if "width" in row]
-        line_errors = [row["line_error"] for row in rows if math.isfinite(row["line_error"])]
-        line_error = "never meets the limit"
-        if line_errors:
-            line_error = f"error {math.expm1(float(np.median(line_errors))):.0%}"
-        errors = [row["error"] for row in rows if "error" in row]
+        # both on the same courses
+        known = [row for row in rows if "error" in row]
+        if not known:
+            sentences.append(f"After {count} recordings all limits are said to be exceeded.")
+            continue
+        error = float(np.median([row["error"] for row in known]))
+        line_error = float(np.median([row["line_error"] for row in known]))
+        line_text = "it never meets the limit"
+        if math.isfinite(line_error):
+            line_text = f"error {math.expm1(line_error):.0%}"
         sentences.append(
             f"After {count} recordings {len(held)} of {len(rows)} lives are stated; "
             f"{sum(held):.0f} of {len(held)} intervals hold the truth, their ends differ by a "
             f"factor of {np.median(widths):.2g} in the median, and the median error is "
-            f"{math.expm1(float(np.median(errors))):.0%}. A straight line: "
-            f"{sum(row['line_coverage'] for row in rows):.0f} of {len(rows)} hold, {line_error}."
+            f"{math.expm1(error):.0%}. A straight line through the same severities: "
+            f"{sum(row['line_coverage'] for row in known):.0f} of {len(known)} hold, {line_text}."
         )
     return sentences

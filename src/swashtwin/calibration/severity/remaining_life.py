@@ -11,7 +11,11 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from swashtwin.calibration.posterior import COVERAGE
-from swashtwin.calibration.severity.severity_result import SeverityTrend, SeverityVerdict
+from swashtwin.calibration.severity.severity_result import (
+    SeverityTrend,
+    SeverityVerdict,
+    interval_log_std,
+)
 from swashtwin.foundation import InputError, plural
 
 MIN_SEVERITIES = 4
@@ -29,7 +33,7 @@ exponential.
 
 RATE_STD = 0.2
 """Standard deviation of the logarithm by which the rate of wear in the remaining time differs from
-what the severities show: load, oil and luck change; chosen on virtual courses (`bench study life`).
+what the severities show: load, oil and luck change [our choice].
 """
 
 _SECONDS_PER_DAY = 86_400.0
@@ -64,12 +68,12 @@ class SeverityPoint:
     """Date of the recording."""
     value: float
     """Severity [SI]."""
+    interval: tuple[float, float]
+    """Range that contains it with a probability of 90 % [SI], with the error of the fault's law."""
     verdict: SeverityVerdict
     """How well it is known."""
     repeatability: float
     """Standard deviation of its logarithm from recording to recording."""
-    log_std: float
-    """Standard deviation of its logarithm, with what all severities of the fault have in common."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ class RemainingLife:
     observed_days: float
     """Time from the first to the last of them [day]."""
     days: float | None
-    """Median of the remaining time [day]; 0 if the limit is reached, `None` if it is not known."""
+    """Median of the remaining time [day]; 0 if the limit is exceeded, `None` if it is not known."""
     interval: tuple[float, float] | None
     """Range that contains the remaining time with a probability of 90 % [day]."""
     reason: str
@@ -99,7 +103,8 @@ class RemainingLife:
         if self.interval is None:
             return "reached"
         low, high = self.interval
-        return f"{_format_days(self.days)} ({_format_days(low)} ... {_format_days(high)}) days"
+        middle = _format_days(self.days)
+        return f"{middle} days (90 %: {_format_days(low)} ... {_format_days(high)})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON values; the limit in SI."""
@@ -128,7 +133,8 @@ def estimate_remaining_life(
 
     Parameters
     ----------
-    trend : severities of one pump; those that are neither ``identified`` nor ``weak`` are not used.
+    trend : severities of one pump. Those that are neither ``identified`` nor ``weak`` are not used;
+        if the newest has another verdict, the time is not known, unless it exceeds the limit.
     dates : date of each estimate of the trend, all with a time zone or all without.
     limit : severity at which the life ends [SI], chosen by the user.
 
@@ -146,9 +152,9 @@ def estimate_remaining_life(
         SeverityPoint(
             date,
             estimate.severity.value,
+            estimate.severity.interval,
             estimate.severity.verdict,
             estimate.repeatability,
-            estimate.severity.log_std,
         )
         for date, estimate in zip(dates, trend.estimates, strict=True)
     ]
@@ -166,11 +172,11 @@ def extrapolate_severities(points: Sequence[SeverityPoint], limit: float) -> Rem
     """
     if not (math.isfinite(limit) and limit > 0):
         raise InputError(f"the limit of the severity ({limit:g}) must be a positive number.")
+    if len({point.date.tzinfo is None for point in points}) > 1:
+        raise InputError("some dates have a time zone and others have none; give all one or none.")
 
-    used = sorted(
-        (point for point in points if point.verdict in _USED_VERDICTS),
-        key=lambda point: point.date,
-    )
+    ordered = sorted(points, key=lambda point: point.date)
+    used = [point for point in ordered if point.verdict in _USED_VERDICTS]
     if not used:
         return _unknown(limit, None, 0, 0.0, "no severity is identified")
 
@@ -179,8 +185,13 @@ def extrapolate_severities(points: Sequence[SeverityPoint], limit: float) -> Rem
     days = seconds / _SECONDS_PER_DAY
     observed_days = float(days[-1] - days[0])
     values = np.array([point.value for point in used])
-    if values[-1] >= limit:
-        return RemainingLife(limit, last_date, len(used), observed_days, 0.0, None, "")
+    newest = ordered[-1]
+    # the lower end of a severity beyond the search is a severity that it exceeds
+    if newest.verdict in (*_USED_VERDICTS, "at bound") and newest.interval[0] >= limit:
+        return RemainingLife(limit, newest.date, len(used), observed_days, 0.0, None, "")
+    if newest is not used[-1]:
+        reason = f"the newest severity is {newest.verdict}"
+        return _unknown(limit, last_date, len(used), observed_days, reason)
     if len(used) < MIN_SEVERITIES or observed_days <= 0:
         reason = (
             f"{MIN_SEVERITIES} severities at different times are needed, and there are "
@@ -189,7 +200,7 @@ def extrapolate_severities(points: Sequence[SeverityPoint], limit: float) -> Rem
         return _unknown(limit, last_date, len(used), observed_days, reason)
 
     scatter = np.array([max(point.repeatability, _MIN_SCATTER) for point in used])
-    total = np.array([point.log_std for point in used])
+    total = np.array([interval_log_std(*point.interval) for point in used])
     common = float(np.sqrt(np.median(np.maximum(total**2 - scatter**2, 0.0))))
     low, median, high = life_quantiles(days, values, scatter, common, limit)
     if high > MAX_EXTRAPOLATION * observed_days:
@@ -249,11 +260,11 @@ def _life_posterior(
     lives: Float[np.ndarray, " life"],
 ) -> Float[np.ndarray, " life"]:
     """Return the probability of each remaining time, whose logarithms are equally likely before."""
-    if values[-1] >= limit:
-        # the limit was reached at an unknown time: the shortest life that is searched
+    low, high = np.log(values).min() - 1.0, math.log(limit) - 1e-6
+    if low >= high:
+        # all severities exceed the limit: the shortest life that is searched
         return np.asarray(lives == lives[0], dtype=float)
 
-    low, high = np.log(values).min() - 1.0, math.log(limit) - 1e-6
     for _ in range(2):
         present = np.exp(np.linspace(low, high, _N_PRESENT))
         likelihood = _log_likelihood(days, values, scatter, limit, lives, present)

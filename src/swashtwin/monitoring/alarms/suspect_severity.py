@@ -4,7 +4,6 @@ That takes minutes, and memory that would not be returned to the system.
 """
 
 import logging
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -86,9 +85,10 @@ class SeverityRequest:
 
         assert self.time is not None
         kind = point["kind"]
-        # another kind of fault has another dimension
-        earlier = [before for before in self.course if before["kind"] == kind]
-        course = [*earlier, {"time": self.time.isoformat(), **point}][-N_POINTS:]
+        time = self.time.isoformat()
+        # the same recording may be measured again
+        earlier = [before for before in self.course if before["time"] != time]
+        course = [*earlier, {"time": time, **point}][-N_POINTS:]
         if kind not in self.machine.severity_limits:
             return {"course": course}
 
@@ -97,18 +97,19 @@ class SeverityRequest:
             SeverityPoint(
                 datetime.fromisoformat(entry["time"]),
                 entry["value"],
+                tuple(entry["interval"]),
                 entry["verdict"],
                 entry["repeatability"],
-                # JSON has no infinity
-                math.inf if entry["log_std"] is None else entry["log_std"],
             )
             for entry in course
+            # another kind of fault has another dimension
+            if entry["kind"] == kind
         ]
         life = extrapolate_severities(points, read_severity(kind, limit))
         return {
             "course": course,
             "remaining_life": life.to_dict(),
-            "sentence": f"{sentence} Remaining time until {limit} (90 % interval): {life.text}.",
+            "sentence": f"{sentence} Remaining time until {limit}: {life.text}.",
         }
 
     def _load(self, path: Path, label: str | None) -> Recording:
@@ -208,9 +209,9 @@ def _describe_best_fit(trends: Mapping[str, "SeverityTrend"]) -> dict[str, Any]:
         "point": {
             "kind": best_kind,
             "value": severity.value,
+            "interval": list(severity.interval),
             "verdict": severity.verdict,
             "repeatability": estimate.repeatability,
-            "log_std": severity.log_std if math.isfinite(severity.log_std) else None,
         },
     }
 

@@ -368,7 +368,11 @@ class MachineTransaction:
             kept_severity = {**previous, "not_measured": reason}
             stored.evidence = {**stored.evidence, "severity": kept_severity}
             return None
-        stored.evidence = {**stored.evidence, "severity": dict(severity)}
+        kept_severity = dict(severity)
+        if "course" in previous:
+            # what failed, or is of another suspect, does not end the course
+            kept_severity.setdefault("course", previous["course"])
+        stored.evidence = {**stored.evidence, "severity": kept_severity}
         return stored
 
     def _alarm(self, number: int) -> Alarm:

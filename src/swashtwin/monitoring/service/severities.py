@@ -141,10 +141,20 @@ class SeverityMeasurer:
                 self._poster.post(transaction, "measured", stored, occasion, notes)
 
 
+def _life_state(severity: Mapping[str, Any]) -> str:
+    """Return what is known of the remaining time."""
+    life = severity.get("remaining_life")
+    if life is None or life["days"] is None:
+        return "unknown"
+    return "reached" if life["days"] == 0 else "known"
+
+
 def _is_confirmed(previous: Mapping[str, Any], severity: Mapping[str, Any]) -> bool:
     """Return whether a severity only confirms the previous one, so that no message is due."""
     names = ("label", "certainty", "verdict")
     if any(previous.get(name) != severity.get(name) for name in names):
+        return False
+    if _life_state(previous) != _life_state(severity):
         return False
     if "interval" not in previous:
         return False

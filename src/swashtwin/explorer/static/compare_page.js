@@ -230,7 +230,7 @@ class ComparePage {
       },
     });
     const parts = [
-      element("span", {}, "Listen in turns, equally loud: "),
+      element("span", {}, "Listen in turns, with the same gain: "),
       ...buttons,
       element("label", {}, "from second ", from),
     ];
@@ -429,15 +429,18 @@ class ComparePage {
     const name = this.members(this.sides.b)[0];
     const answer = await attemptQuietly(() => request("spectrum", { name, kind, healthy: "true" }));
     if (!answer || (answer.healthy?.length ?? 0) < MIN_HEALTHY) return null;
-    const [low, middle, high] = [answer.low, answer.middle, answer.high].map((text) => {
-      const channels = channelLines(answer.channels, text, answer.step);
-      return channels[Math.min(channel, channels.length - 1)];
-    });
-    return {
-      low: levelDifference(low, middle, width),
-      high: levelDifference(high, middle, width),
-      source: `${answer.healthy.length} healthy recordings at the operating point of B`,
-    };
+
+    // The range of each line says nothing of a band, whose lines are not all extreme at once.
+    const others = [];
+    for (const healthyName of answer.healthy.slice(0, MAX_OF_CLASS)) {
+      const spectrum = await attemptQuietly(() => request("spectrum", { name: healthyName, kind }));
+      if (!spectrum) continue;
+      const channels = channelLines(spectrum.channels, spectrum.amplitude, spectrum.step);
+      others.push(channels[Math.min(channel, channels.length - 1)]);
+    }
+    if (others.length < MIN_HEALTHY) return null;
+    const source = `${others.length} healthy recordings at the operating point of B`;
+    return { ...scatterOf(others, width), source };
   }
 
   /**

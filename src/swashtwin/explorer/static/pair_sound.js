@@ -1,4 +1,4 @@
-/** Listen to the same part of two recordings in turns, equally loud. */
+/** Listen to the same part of two recordings in turns, with the same gain. */
 import { requestSamples } from "./server.js";
 import { MAX_RATE, MIN_RATE, PEAK } from "./sound.js";
 
@@ -15,6 +15,8 @@ export class PairSound {
     this.context = null;
     /** @type {{source: AudioBufferSourceNode, gain: GainNode, filter: BiquadFilterNode}[]} */
     this.voices = [];
+    /** Number of the request whose recordings are to be heard. */
+    this.request = 0;
   }
 
   get isPlaying() {
@@ -31,8 +33,12 @@ export class PairSound {
    * @param {number | null} frequency heard alone [Hz]; all if it is null
    */
   async play(rows, channel, start, heard, frequency) {
+    this.request += 1;
+    const { request } = this;
     const parts = await Promise.all(rows.map((row) => readPart(row, channel, start)));
-    this.stop();
+    // stopped, or asked for other recordings, while these were read
+    if (request !== this.request) return;
+    this.silence();
     const peak = Math.max(...parts.map(peakOf)) || 1;
     this.context ??= new AudioContext();
     for (const [n, values] of parts.entries()) {
@@ -71,8 +77,11 @@ export class PairSound {
    * @param {number} heard
    */
   hear(heard) {
-    const end = (this.context?.currentTime ?? 0) + FADE_S;
+    const now = this.context?.currentTime ?? 0;
+    const end = now + FADE_S;
     for (const [n, { gain }] of this.voices.entries()) {
+      // without this point, the ramp begins at the previous switch and ends in a jump
+      gain.gain.setValueAtTime(gain.gain.value, now);
       gain.gain.linearRampToValueAtTime(n === heard ? 1 : 0, end);
     }
   }
@@ -90,6 +99,11 @@ export class PairSound {
   }
 
   stop() {
+    this.request += 1;
+    this.silence();
+  }
+
+  silence() {
     for (const { source } of this.voices) source.stop();
     this.voices = [];
   }

@@ -236,10 +236,11 @@ class _Activity:
     def update(self, count: int, total: int, description: str) -> None:
         """Take over what is finished.
 
-        What follows a comma is a detail, such as a loss; another text before it is another
-        activity.
+        What follows a comma is a detail, such as a loss; another text before it, a smaller count or
+        another total is another activity.
         """
-        if description.split(",")[0] != self.description.split(",")[0]:
+        is_new_pass = count < self.count or (self.total and total != self.total)
+        if is_new_pass or description.split(",")[0] != self.description.split(",")[0]:
             self.begun = self.updated
             self.is_announced = False
             self.is_first_done = False

@@ -181,7 +181,8 @@ class HistoryReader:
         with self._database.reading() as session:
             for name, *values in session.execute(union_all(*parts)):
                 scores[name].append(ScoredRecording(*values))
-        return {name: rows[::-1] for name, rows in scores.items()}
+        # SQL promises no order of a union
+        return {name: sorted(rows, key=lambda row: row.time) for name, rows in scores.items()}
 
     def recordings(
         self,

@@ -365,7 +365,7 @@ def _add_most_prominent(graph: Graph, prominences: str) -> str:
 
 def _add_comb_signature(graph: Graph, prominences: str) -> list[str]:
     """Add the numbers of the most prominent comb."""
-    harmonic = np.arange(1, prominence.N_HARMONICS + 1)
+    harmonic = np.arange(1.0, prominence.N_HARMONICS + 1)
     fundamentals = prominence.FUNDAMENTALS[:, None]
     combs = graph.reduce(
         "Mean", _add_prominences_at(graph, prominences, fundamentals * harmonic), 0

@@ -225,7 +225,7 @@ def _comb_signature(
     prominence, lines of the shaft excluded. Side bands are means over the first three harmonics, at
     `SIDEBAND_SPACINGS` from these.
     """
-    teeth = prominences_at(prominences, np.outer(FUNDAMENTALS, np.arange(1, N_HARMONICS + 1)))
+    teeth = prominences_at(prominences, np.outer(FUNDAMENTALS, np.arange(1.0, N_HARMONICS + 1)))
     combs = np.where(is_of_shaft(), -np.inf, teeth.mean(axis=-1))
     best = combs.argmax(axis=-1)
 
@@ -233,7 +233,7 @@ def _comb_signature(
     for spacing in SIDEBAND_SPACINGS:
         by_fundamental = prominences_at(prominences, sideband_orders(spacing)).mean(axis=-1)
         columns.append(np.take_along_axis(by_fundamental, best[..., None], axis=-1)[..., 0])
-    columns.append(prominences_at(prominences, np.arange(1, N_HARMONICS + 1)).mean(axis=-1))
+    columns.append(prominences_at(prominences, np.arange(1.0, N_HARMONICS + 1)).mean(axis=-1))
     return np.stack(columns, axis=-1)
 
 

@@ -25,7 +25,7 @@ install() {
 
 tests() {
   # the options of pyproject.toml, and those given
-  "$bin/python" -m pytest --durations=15 "$@" 2>&1 | tee "$work/pytest.txt"
+  "$bin/pytest" --durations=15 "$@" 2>&1 | tee "$work/pytest.txt"
 }
 
 site() {

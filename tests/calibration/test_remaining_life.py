@@ -101,6 +101,27 @@ def test_intervals_hold_for_growths_between_linear_and_exponential() -> None:
     assert hits >= 0.9 * n_courses
 
 
+def test_a_limit_that_is_perhaps_exceeded_leaves_no_long_life() -> None:
+    # 0.1 in a day, now at 1.0; all severities have an error of 30 % in common
+    days = np.arange(-5.0, 1.0)
+    growing = np.linspace(0.5, 1.0, 6)
+    scatter = np.full(6, 0.02)
+    low, _, high = life_quantiles(days, growing, scatter, 0.3, 1.05)
+    assert low < 0.02
+    # the limit lies at most at 1.05 times e^0.5
+    assert 2 < high < 12
+
+
+def test_a_probability_at_the_end_of_the_grid_is_counted_once() -> None:
+    days = np.arange(-5.0, 1.0)
+    growing = np.linspace(0.5, 1.0, 6)
+    scatter = np.full(6, 0.02)
+    # the two errors at which the limit is exceeded have a probability of 0.23 together
+    without = life_quantiles(days, growing, scatter, 0.0, 1.2)[1]
+    median = life_quantiles(days, growing, scatter, 0.3, 1.2)[1]
+    assert median > 0.3 * without
+
+
 def test_the_order_of_recordings_does_not_matter() -> None:
     course = scattered(um(30) + um(2) * DAYS)
     life = estimate_remaining_life(make_trend(course), dates_after(DAYS), um(200))
@@ -157,6 +178,13 @@ def test_a_severity_beyond_the_search_exceeds_a_limit() -> None:
     course = [*scattered(um(30) + um(2) * DAYS[:-1]), um(400)]
     trend = make_trend(course, last_verdict="at bound")
     assert estimate_remaining_life(trend, dates_after(DAYS), um(200)).text == "reached"
+
+    # also if it is the first severity of all
+    first = make_trend([um(400)], "at bound")
+    assert estimate_remaining_life(first, dates_after([0.0]), um(200)).text == "reached"
+    # but not in doubt, where nothing limits it
+    doubtful = make_trend([um(400)], "in doubt")
+    assert estimate_remaining_life(doubtful, dates_after([0.0]), um(200)).days is None
 
 
 @pytest.mark.parametrize(

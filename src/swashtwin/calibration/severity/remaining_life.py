@@ -22,18 +22,18 @@ MIN_SEVERITIES = 4
 """Severities that a growth needs: its speed, its law and its scatter are unknown."""
 
 MAX_EXTRAPOLATION = 10.0
-"""Remaining life over the time observed above which nothing is said of it: who watched a fault grow
-for a month knows little about the next year.
+"""Maximum remaining time over the time observed. The growth in a month says little about the next
+year, so a longer time is not stated.
 """
 
 GROWTH_EXPONENTS = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Exponents p of the growth dx/dt = r x^p that are equally likely beforehand: 0 is linear, 1
+"""Exponents p of the growth dx/dt = r x^p, with equal prior probabilities: 0 is linear, 1
 exponential.
 """
 
 RATE_STD = 0.2
-"""Standard deviation of the logarithm by which the rate of wear in the remaining time differs from
-what the severities show: load, oil and luck change [our choice].
+"""Standard deviation of the logarithm of the rate of wear in the remaining time, over the rate that
+the severities show: load and oil change [our choice].
 """
 
 _SECONDS_PER_DAY = 86_400.0
@@ -41,16 +41,18 @@ _SECONDS_PER_DAY = 86_400.0
 # Verdicts of severities that are used: the others may be zero, or have no upper limit.
 _USED_VERDICTS = ("identified", "weak")
 
-# Standard deviation of ln severity from recording to recording that is at least assumed.
+# Minimum standard deviation of ln severity from recording to recording.
 _MIN_SCATTER = 0.02
 
-# Weight of the stated scatter against that of the severities about their growth, in recordings.
+# Number of recordings that the stated scatter counts as, beside the scatter about the growth.
 _SCATTER_WEIGHT = 4.0
 
-# Ends of the remaining lives that are searched, over the time observed, and their number.
-_SHORTEST_LIFE, _LONGEST_LIFE, _N_LIVES = 1e-3, 1e2, 160
+# Grid of the remaining time: its ends over the time observed, and its number of values.
+_SHORTEST_LIFE = 1e-3
+_LONGEST_LIFE = 1e2
+_N_LIVES = 160
 
-# Values of the present severity that are searched.
+# Number of values in the grid of the present severity.
 _N_PRESENT = 41
 
 # Fall of ln likelihood beyond which a present severity is not searched more finely.
@@ -126,10 +128,10 @@ def estimate_remaining_life(
     """Return the time until the severity of a fault reaches a limit, with a 90 % interval.
 
     The severity x is assumed to grow by dx/dt = r x^p, with p between 0 (linear growth) and 1
-    (exponential growth). Neither r nor p is known; each p of `GROWTH_EXPONENTS`, and each order of
-    magnitude of the remaining time, is equally likely beforehand. The severities scatter about this
-    growth by their `repeatability`, or more if they do; the error of the law of the fault is common
-    to all of them. The posterior is summed over a grid [our derivation].
+    (exponential growth). Neither r nor p is known: each p of `GROWTH_EXPONENTS`, and each order of
+    magnitude of the remaining time, has the same prior probability. The severities scatter about
+    this growth by their `repeatability`, or by more if the recordings show more; the error of the
+    law of the fault is common to all of them. The posterior is summed over a grid [our derivation].
 
     Parameters
     ----------
@@ -177,18 +179,18 @@ def extrapolate_severities(points: Sequence[SeverityPoint], limit: float) -> Rem
 
     ordered = sorted(points, key=lambda point: point.date)
     used = [point for point in ordered if point.verdict in _USED_VERDICTS]
+    observed_days = 0.0
+    if used:
+        observed_days = (used[-1].date - used[0].date).total_seconds() / _SECONDS_PER_DAY
+
+    if ordered and _exceeds(ordered[-1], limit):
+        as_of = ordered[-1].date
+        return RemainingLife(limit, as_of, len(used), observed_days, 0.0, None, "")
     if not used:
         return _unknown(limit, None, 0, 0.0, "no severity is identified")
 
-    last_date = used[-1].date
-    seconds = np.array([(point.date - last_date).total_seconds() for point in used])
-    days = seconds / _SECONDS_PER_DAY
-    observed_days = float(days[-1] - days[0])
-    values = np.array([point.value for point in used])
     newest = ordered[-1]
-    # the lower end of a severity beyond the search is a severity that it exceeds
-    if newest.verdict in (*_USED_VERDICTS, "at bound") and newest.interval[0] >= limit:
-        return RemainingLife(limit, newest.date, len(used), observed_days, 0.0, None, "")
+    last_date = used[-1].date
     if newest is not used[-1]:
         reason = f"the newest severity is {newest.verdict}"
         return _unknown(limit, last_date, len(used), observed_days, reason)
@@ -199,6 +201,9 @@ def extrapolate_severities(points: Sequence[SeverityPoint], limit: float) -> Rem
         )
         return _unknown(limit, last_date, len(used), observed_days, reason)
 
+    seconds = np.array([(point.date - last_date).total_seconds() for point in used])
+    days = seconds / _SECONDS_PER_DAY
+    values = np.array([point.value for point in used])
     scatter = np.array([max(point.repeatability, _MIN_SCATTER) for point in used])
     total = np.array([interval_log_std(*point.interval) for point in used])
     common = float(np.sqrt(np.median(np.maximum(total**2 - scatter**2, 0.0))))
@@ -210,6 +215,13 @@ def extrapolate_severities(points: Sequence[SeverityPoint], limit: float) -> Rem
         )
         return _unknown(limit, last_date, len(used), observed_days, reason)
     return RemainingLife(limit, last_date, len(used), observed_days, median, (low, high), "")
+
+
+def _exceeds(point: SeverityPoint, limit: float) -> bool:
+    """Return whether the whole interval of a severity lies above a limit."""
+    # a severity beyond the search exceeds the lower end of its interval
+    has_lower_end = point.verdict in (*_USED_VERDICTS, "at bound")
+    return has_lower_end and bool(point.interval[0] >= limit)
 
 
 def _unknown(
@@ -230,10 +242,10 @@ def life_quantiles(
     Parameters
     ----------
     days : times of the severities from the last one, ascending to 0 [day].
-    values : severities, and
-    limit : where the life ends, in the same unit.
+    values : severities.
     scatter : standard deviation of the logarithm of each severity alone.
-    common : standard deviation of the logarithm of what all severities are wrong by.
+    common : standard deviation of the logarithm of the error that all severities have in common.
+    limit : severity at which the life ends, in the unit of `values`.
     """
     lives = -days[0] * np.geomspace(_SHORTEST_LIFE, _LONGEST_LIFE, _N_LIVES)
     density = np.zeros(_N_LIVES)
@@ -244,7 +256,8 @@ def life_quantiles(
         density += weight * posterior
 
     step = math.log(lives[1] / lives[0])
-    density = gaussian_filter1d(density, RATE_STD / step, mode="nearest")
+    # reflected at the ends, so that no probability is lost or counted twice
+    density = gaussian_filter1d(density, RATE_STD / step, mode="reflect")
 
     cumulative = np.cumsum(density) / density.sum()
     quantiles = np.interp([0.05, 0.5, 0.95], cumulative, np.log(lives))
@@ -260,11 +273,12 @@ def _life_posterior(
     lives: Float[np.ndarray, " life"],
 ) -> Float[np.ndarray, " life"]:
     """Return the probability of each remaining time, whose logarithms are equally likely before."""
-    low, high = np.log(values).min() - 1.0, math.log(limit) - 1e-6
-    if low >= high:
-        # all severities exceed the limit: the shortest life that is searched
+    if values[-1] >= limit:
+        # the limit is exceeded: the shortest time of the grid
         return np.asarray(lives == lives[0], dtype=float)
 
+    low = math.log(values.min()) - 1.0
+    high = math.log(limit) - 1e-6
     for _ in range(2):
         present = np.exp(np.linspace(low, high, _N_PRESENT))
         likelihood = _log_likelihood(days, values, scatter, limit, lives, present)

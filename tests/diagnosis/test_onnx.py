@@ -70,6 +70,12 @@ def session(path: Path) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
 
 
+def tolerance_of(name: str) -> float:
+    """Return how far the probabilities of a file may differ from those of its network."""
+    # prominences are ratios of sums in single precision, which the file adds in another order
+    return 5e-5 if name == "line_prominences" else 1e-5
+
+
 def facts_of(opened: onnxruntime.InferenceSession) -> dict[str, Any]:
     """Return the metadata of a file."""
     return {
@@ -90,7 +96,7 @@ def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_win
 
     for rows in (slice(0, 1), slice(None)):
         answer = opened.run(["probability"], {"windows": windows().signal[rows]})[0]
-        np.testing.assert_allclose(answer, expected[rows], atol=5e-5)
+        np.testing.assert_allclose(answer, expected[rows], atol=tolerance_of(name))
 
     assert [file.name for file in path.parent.iterdir()] == ["model.onnx"]
 
@@ -115,7 +121,9 @@ def test_the_file_of_a_network_on_orders_takes_the_speed(
     expected = classifier.predict_proba(turning)
 
     assert np.abs(expected - classifier.predict_proba(windows())).max() > 1e-3
-    np.testing.assert_allclose(opened.run(["probability"], inputs)[0], expected, atol=5e-5)
+    np.testing.assert_allclose(
+        opened.run(["probability"], inputs)[0], expected, atol=tolerance_of(name)
+    )
 
 
 def test_a_constant_channel_is_not_divided_by_zero(exported) -> None:

@@ -33,12 +33,13 @@ MAX_SINGLE_NOTES = 3
 PROGRESS_INTERVAL_S = 20.0
 """Time between two lines of progress in a log file, which has no bar that could be redrawn."""
 SILENCE_S = 60.0
-"""Time without a finished unit of work after which a log file gets a line that it goes on."""
+"""Time without a finished unit of work after which a log file states that the command runs."""
 MIN_ESTIMATED_S = 10.0
 """Duration of an activity from which a log file states at once how long it will take."""
 MAX_LONG_UNITS = 10
-"""Units of work above which each is short, so that the first one does not count: the start of
-processes may take longer."""
+"""Number of units of work above which each unit is short. The first one is then left out of the
+estimate, since the start of processes may take longer.
+"""
 
 # A number in a note, with its sign, decimals and exponent.
 _NUMBER = re.compile(r"[-+−]?\d[\d.,]*(?:e[-+]?\d+)?")

@@ -276,11 +276,13 @@ def show_pump(
                 for path, value, unit in numbers
             ],
         )
+
         print_table(
             "Derived quantities",
             ("", "value"),
             [(title, _format_in_trade_units(value, unit)) for title, value, unit in derived],
         )
+
         if effects:
             print_table(
                 "Effect of each number on the vibration of the healthy pump at its rated point",
@@ -414,7 +416,7 @@ def severity(
     )
     if healthy is not None:
         healthy_recordings += _further_healthy(healthy, specimen, healthy_recordings)
-    times = {} if limit is None else _dates_of(worn_recordings)
+    dates = {} if limit is None else _dates_of(worn_recordings)
 
     free_dimensions = [
         name for name in get_severity_search(defect).default_free if name not in fixed_dimensions
@@ -430,22 +432,22 @@ def severity(
         )
     life = None
     if limit_value is not None:
-        dates_of_estimates = [times[estimate.recording_id] for estimate in trend.estimates]
-        life = estimate_remaining_life(trend, dates_of_estimates, limit_value)
+        estimated_dates = [dates[estimate.recording_id] for estimate in trend.estimates]
+        life = estimate_remaining_life(trend, estimated_dates, limit_value)
 
     healthy_ids = [recording.recording_id for recording in healthy_recordings]
-    dates = {
+    date_texts = {
         recording.recording_id: summarize_recordings([recording]).date
         for recording in worn_recordings
     }
     result = {**trend.to_dict(), "healthy": healthy_ids}
     for row in result["estimates"]:
-        row["date"] = dates[row["recording_id"]]
+        row["date"] = date_texts[row["recording_id"]]
     if life is not None:
         result["remaining_life"] = life.to_dict()
 
     def print_all() -> None:
-        _print_severity(trend, len(healthy_ids), dates)
+        _print_severity(trend, len(healthy_ids), date_texts)
         if life is not None:
             _print_remaining_life(trend, life)
 

@@ -376,7 +376,7 @@ def read_severity(kind: str, text: str) -> float:
     Raises
     ------
     InputError
-        Unknown kind, a kind without a fault, or an impossible number.
+        Unknown kind, a kind without a fault, or a number that is not above zero.
     UnitError
         No unit, or one of another dimension.
 
@@ -392,7 +392,7 @@ def read_severity(kind: str, text: str) -> float:
     severity = parse_quantity(text, typical.units.get(name, "1"), name=f"the severity of {kind}")
     if not (math.isfinite(severity) and severity > 0):
         raise InputError(f"the severity of {kind}, {text!r}, must be above zero.")
-    return float(getattr(read_fault(kind, **{name: text}), name))
+    return severity
 
 
 def read_fault(kind: str, **dimensions: str) -> Fault | None:

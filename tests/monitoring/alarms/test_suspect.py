@@ -270,7 +270,7 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
 
         machine = Machine(name="pump-1", pistons=pistons, calibration=plant.calibration)
         healthy = tuple(plant.worn.parent.glob("A_normal*"))
-        return SeverityRequest(machine, label, recording, healthy).measure()
+        return SeverityRequest(machine, label, recording, START, healthy).measure()
 
     # the fault of this pump is a recess, not worn pistons
     severity = measure("piston")

@@ -37,10 +37,10 @@ class SeverityRequest:
     """Class of the fault."""
     recording: Path | None
     """File of the recording; None if its samples were not kept."""
+    time: datetime
+    """When the recording was made."""
     healthy: tuple[Path, ...] = ()
     """Files of healthy recordings of the machine at the same operating point."""
-    time: datetime | None = None
-    """When the recording was made."""
     course: tuple[Mapping[str, Any], ...] = ()
     """Earlier severities of the same alarm, each as ``course`` of an answer holds them."""
 
@@ -73,9 +73,7 @@ class SeverityRequest:
             for kind, fault in faults.items()
         }
         severity = _describe_best_fit(trends)
-        if self.time is not None:
-            severity |= self._follow(severity["sentence"], severity.pop("point"))
-        return severity
+        return severity | self._follow(severity["sentence"], severity.pop("point"))
 
     def _follow(self, sentence: str, point: dict[str, Any]) -> dict[str, Any]:
         """Return the course of the severity with this point; and if a limit is configured, the
@@ -83,7 +81,6 @@ class SeverityRequest:
         """
         from swashtwin.calibration import SeverityPoint, extrapolate_severities
 
-        assert self.time is not None
         kind = point["kind"]
         time = self.time.isoformat()
         # the same recording may be measured again

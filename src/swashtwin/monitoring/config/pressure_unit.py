@@ -14,10 +14,11 @@ PASCALS = {"MPa": 1e6, "bar": 1e5}
 
 _BAR_PER_MPA = 10
 
-_NUMBER = re.compile(r"[0-9.]+")
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
-# One or several values in MPa, such as "10 and 15 MPa" or "0.1 to 100 MPa".
-_PRESSURES = re.compile(r"([0-9.]+(?:(?:, | and | or | to )[0-9.]+)*) MPa\b")
+# One or several values in MPa, such as "10 and 15 MPa", "0.1 to 100 MPa" or "15.2 ... 16 MPa".
+_SEPARATOR = r"(?:, | and | or | to | \.\.\. |…|-)"
+_PRESSURES = re.compile(rf"({_NUMBER.pattern}(?:{_SEPARATOR}{_NUMBER.pattern})*) MPa\b")
 
 
 def convert_pressures(text: str, unit: PressureUnit) -> str:
@@ -29,6 +30,8 @@ def convert_pressures(text: str, unit: PressureUnit) -> str:
     '1500 rpm, 150 bar'
     >>> convert_pressures("trained: 5 and 10.5 MPa", "bar")
     'trained: 50 and 105 bar'
+    >>> convert_pressures("between 15.2 ... 16 MPa", "bar")
+    'between 152 ... 160 bar'
     """
     if unit == "MPa":
         return text

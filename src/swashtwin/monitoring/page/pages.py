@@ -279,10 +279,12 @@ class Pages:
             point=selection.point or None,
             limit=MAX_TREND_POINTS,
         )
+
         size, unit = self._unit_of(selection.channel, indicator)
         limit = None
         if indicator == "capital":
             limit = self._site.alarm_capital
+
         return draw_trend(
             replace(trend, values=trend.values / size),
             VERDICT_NAMES.get(indicator, indicator),

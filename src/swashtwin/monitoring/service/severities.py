@@ -118,8 +118,8 @@ class SeverityMeasurer:
             machine,
             alarm.evidence["suspect"]["label"],
             recording=recording,
-            healthy=tuple(folder / name for name in healthy_files.values()),
             time=judgment.time,
+            healthy=tuple(folder / name for name in healthy_files.values()),
             course=tuple(alarm.evidence.get("severity", {}).get("course", ())),
         )
 

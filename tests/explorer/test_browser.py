@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from chromium import MARKS, check_access, check_phone, playwright, started_browser, tabs  # noqa: F401
 from explored import ADDRESS_TOKEN, HEALTHY, WORN
 from mqtt_broker import free_port
 from plant import Plant
 
 from swashtwin.explorer import Workspace, build_explorer
+from swashtwin.explorer.mean_turn import align_turn, average_turns
 from swashtwin.foundation import MPa, rpm
 from swashtwin.monitoring import serving_page
 from swashtwin.physics import Twin, solve_turn
@@ -333,28 +335,35 @@ PANELS = """() => {
 }"""
 
 
+def aligned_waveform(recording: Recording, twin: Twin) -> np.ndarray:
+    """Return the mean turn of a recording at the twin's shaft angle."""
+    mean_turn = average_turns(recording, 7, int(1.25 * 3000 / twin.condition.shaft_frequency) + 1)
+    with torch.no_grad():
+        return align_turn(mean_turn, twin, twin.acceleration().numpy()).waveform
+
+
 @pytest.mark.parametrize("degrees", [0, 16, 197, 290])
-def test_a_scrubbed_pump_shows_angle_pressure_and_waveform_of_the_twin(
-    browser, address: str, degrees: int
+def test_a_scrubbed_pump_shows_angle_pressure_and_both_waveforms(
+    browser, address: str, served_folder: Path, degrees: int
 ) -> None:
     for tab in tabs(browser, address, reduced_motion="reduce"):
         enter(tab, "#twin")
         tab.locator(".living-pump select").select_option("1")
+        name = tab.get_by_label("Measured").input_value()
         tab.get_by_label("Shaft angle").fill(str(degrees))
         left, right, *edges = tab.evaluate(PANELS)
         dots = tab.evaluate(DOTS)
 
         condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
-        turn = solve_turn(Twin(load_pump("25scy14-1b"), condition, bandwidth=3000.0))
+        twin = Twin(load_pump("25scy14-1b"), condition, bandwidth=3000.0)
+        turn = solve_turn(twin)
+        measured = aligned_waveform(Workspace(served_folder).recording(name), twin)[1]
+        largest = 1.05 * max(np.abs(turn.acceleration[1]).max(), np.abs(measured).max())
+        cursor = tab.evaluate("document.querySelector('.living-pump').pump.cursor")
         for values, lowest, highest, (low, high), (x, y) in (
             (turn.chamber[0], 0.0, 1.05 * turn.chamber.max(), edges[:2], dots[0]),
-            (
-                turn.acceleration[1],
-                -1.05 * np.abs(turn.acceleration[1]).max(),
-                1.05 * np.abs(turn.acceleration[1]).max(),
-                edges[2:],
-                dots[1],
-            ),
+            (turn.acceleration[1], -largest, largest, edges[2:], dots[1]),
+            (measured, -largest, largest, edges[2:], (cursor["x"], cursor["measured"])),
         ):
             angles = np.arange(values.size) * 360 / values.size
             value = np.interp(degrees, angles, values, period=360)

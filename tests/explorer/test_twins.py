@@ -1,12 +1,13 @@
 """The twin's room: lines over measured ones, a calibration that is stopped, saved and used."""
 
+import base64
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from explored import HEALTHY, WORN, send
+from explored import HEALTHY, WORN, open_explorer, read_workspace, send
 from starlette.testclient import TestClient
 
 from swashtwin.calibration import load_calibration
@@ -175,3 +176,53 @@ def test_a_calibration_is_saved_and_makes_windows(client: TestClient, folder: Pa
     request = {"setting": worn, "name": "worn", "count": 3}
     assert send(client, "/api/twin_windows", request).json()["label"] == "piston"
     assert (folder / "worn.safetensors").is_file()
+
+
+def unpacked(packed: dict[str, Any]) -> np.ndarray:
+    """Return the rows of packed numbers, as the script does."""
+    integers = np.frombuffer(base64.b64decode(packed["integers"]), "<i2")
+    return packed["factor"] * integers.reshape(packed["rows"], -1)
+
+
+def test_the_measured_turn_lies_at_the_shaft_angle_of_the_twin(client: TestClient) -> None:
+    answer = request_lines(client)
+    twin = unpacked(answer["turn"]["waveform"])
+    measured = unpacked(answer["turn"]["measured"]["waveform"])
+
+    assert answer["turn"]["measured"]["channels"] == answer["channels"]
+    at_twin_angles = np.stack(
+        [
+            np.interp(
+                np.linspace(0, 1, twin.shape[1], endpoint=False),
+                np.linspace(0, 1, measured.shape[1], endpoint=False),
+                row,
+                period=1.0,
+            )
+            for row in measured
+        ]
+    )
+    # no other angle of the shaft fits better
+    correlations = [
+        float((np.roll(at_twin_angles, shift, axis=1) * twin).sum())
+        for shift in range(twin.shape[1])
+    ]
+    assert correlations[0] == pytest.approx(max(correlations), rel=1e-3)
+    assert "mean of " in answer["turn_source"]
+    assert "correlation 0." in answer["turn_source"]
+
+
+def test_without_a_recording_only_the_twin_has_a_waveform(client: TestClient) -> None:
+    answer = request_lines(client, recording="")
+    assert answer["turn"]["measured"] is None
+    assert answer["turn_source"] == ""
+
+
+def test_pressures_are_shown_in_the_unit_of_the_explorer(folder: Path) -> None:
+    client = open_explorer(read_workspace(folder), pressure_unit="bar")
+    in_mpa = open_explorer(read_workspace(folder))
+
+    assert 'data-pressure-unit="bar"' in client.get("/").text
+    in_bar = unpacked(request_lines(client)["turn"]["discharge"])
+    assert in_bar == pytest.approx(10 * unpacked(request_lines(in_mpa)["turn"]["discharge"]))
+    # a setting, and so a link to the page, keeps its unit
+    assert request_lines(client, mpa=20.0)["mpa"] == pytest.approx(20)

@@ -7,6 +7,7 @@ from httpx2 import Response
 from starlette.testclient import TestClient
 
 from swashtwin.explorer import Workspace, build_explorer
+from swashtwin.foundation import PressureUnit
 
 HEALTHY = "recordings/A_normal_15MPa_1.h5"
 WORN = "recordings/A_swash_plate_15MPa_1.h5"
@@ -24,9 +25,13 @@ def read_workspace(source: Path) -> Workspace:
     return workspace
 
 
-def open_explorer(workspace: Workspace, model: Path | None = None) -> TestClient:
+def open_explorer(
+    workspace: Workspace, model: Path | None = None, pressure_unit: PressureUnit = "MPa"
+) -> TestClient:
     """A browser without scripts that was opened with the address of the explorer."""
-    explorer = build_explorer(workspace, model, address_token=ADDRESS_TOKEN)
+    explorer = build_explorer(
+        workspace, model, address_token=ADDRESS_TOKEN, pressure_unit=pressure_unit
+    )
     client = TestClient(explorer, base_url="http://127.0.0.1:8643")
     assert client.get("/", params={"token": ADDRESS_TOKEN}).status_code == 200
     return client

@@ -21,6 +21,7 @@ from .line_misfit import compare_lines as compare_lines
 from .measurement import DEFAULT_BAND as DEFAULT_BAND
 from .measurement import GRAVITY as GRAVITY
 from .measurement import assign_single_channels as assign_single_channels
+from .measurement import find_shaft_position as find_shaft_position
 from .measurement import measure as measure
 from .next_recording import CandidateRecording as CandidateRecording
 from .next_recording import RecordingPlan as RecordingPlan

@@ -19,7 +19,7 @@ from swashtwin.cli.console import (
 )
 from swashtwin.cli.options import Json
 from swashtwin.cli.outputs import Force, require_folder, require_output
-from swashtwin.foundation import shell_command
+from swashtwin.foundation import PressureUnit, shell_command
 
 if TYPE_CHECKING:
     from swashtwin.monitoring import Outcome
@@ -288,6 +288,9 @@ def explore(
     port: Annotated[
         int, typer.Option(min=1, max=65535, help="Port of the page on this computer.")
     ] = 8643,
+    pressure_unit: Annotated[
+        PressureUnit, typer.Option(help="Unit in which the page shows pressures.")
+    ] = "MPa",
 ) -> None:
     """Look at recordings in the browser, edit their facts, fit a twin by eye, and diagnose.
 
@@ -303,4 +306,11 @@ def explore(
         print_note(f"exploring {source} at {address} . Press Ctrl-C to stop.")
 
     with stop_signals() as stop:
-        run_explorer(source, model=model, port=port, stop=stop, started=print_address)
+        run_explorer(
+            source,
+            model=model,
+            pressure_unit=pressure_unit,
+            port=port,
+            stop=stop,
+            started=print_address,
+        )

@@ -9,7 +9,15 @@ from fastapi import Body
 
 from swashtwin.explorer.excerpts import describe_excerpts, excerpts
 from swashtwin.explorer.workspace import Name, RecordingVersion, Workspace
-from swashtwin.foundation import DataError, InputError, SwashTwinError, plural, to_table
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    PressureUnit,
+    SwashTwinError,
+    convert_pressures,
+    plural,
+    to_table,
+)
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, Diagnosis, FaultClassifier, PriorClassifier
@@ -33,10 +41,14 @@ class Diagnoses:
     ----------
     model : file of the model; `None` until one is dropped on the page. A prior is adapted to the
         healthy recordings.
+    pressure_unit : unit in which pressures are shown.
     """
 
-    def __init__(self, workspace: Workspace, model: Path | None) -> None:
+    def __init__(
+        self, workspace: Workspace, model: Path | None, pressure_unit: PressureUnit = "MPa"
+    ) -> None:
         self._workspace = workspace
+        self._pressure_unit = pressure_unit
         self._answers: OrderedDict[RecordingVersion, dict[str, Any]] = OrderedDict()
         self._model: Model | None = None
         # A prior before it was adapted, its name, and its healthy recordings.
@@ -147,12 +159,15 @@ class Diagnoses:
             spectrum_sentence = verdict.spectrum.sentence()
         return {
             **verdict.to_dict(),
-            "sentence": verdict.sentence(),
+            "sentence": self._in_unit(verdict.sentence()),
             "checks": to_table(next_checks(*labels, unknown=verdict.unknown)),
-            "spectrum": spectrum_sentence,
-            "notes": notes,
+            "spectrum": self._in_unit(spectrum_sentence),
+            "notes": [self._in_unit(note) for note in notes],
             **self._evidence(model, parts[0], verdict),
         }
+
+    def _in_unit(self, text: str) -> str:
+        return convert_pressures(text, self._pressure_unit)
 
     def _evidence(
         self, model: "Model", recording: "Recording", verdict: "Diagnosis"

@@ -21,6 +21,7 @@ from swashtwin.explorer.workspace import FACTS, Workspace
 from swashtwin.foundation import (
     VERSION,
     InputError,
+    PressureUnit,
     SwashTwinError,
     json_text,
     load_templates,
@@ -39,7 +40,11 @@ Action = Callable[..., Any]
 
 
 def build_explorer(
-    workspace: Workspace, model: Path | None = None, *, address_token: str
+    workspace: Workspace,
+    model: Path | None = None,
+    *,
+    address_token: str,
+    pressure_unit: PressureUnit = "MPa",
 ) -> FastAPI:
     """Return the explorer of a workspace, to be served on this computer only.
 
@@ -47,6 +52,7 @@ def build_explorer(
     ----------
     model : file of a model for diagnoses.
     address_token : the secret that a request requires (`AddressToken`).
+    pressure_unit : unit in which pressures are shown.
     """
     page_token = secrets.token_urlsafe(32)
     guard = Middleware(Guard, access=Access(PageSettings()), uploads=_UPLOAD_PATHS)
@@ -54,12 +60,12 @@ def build_explorer(
     application = FastAPI(
         title="swashtwin explore", version=VERSION, openapi_url=None, middleware=[guard, gate]
     )
-    _add_page(application, page_token)
+    _add_page(application, page_token, pressure_unit)
     _handle_errors(application)
 
     views = RecordingViews(workspace)
-    twins = TwinWorkbench(workspace)
-    diagnoses = Diagnoses(workspace, model)
+    twins = TwinWorkbench(workspace, pressure_unit)
+    diagnoses = Diagnoses(workspace, model, pressure_unit)
     _add_reading(application, workspace, views, twins, diagnoses)
     _add_changes(application, page_token, workspace, twins, diagnoses)
 
@@ -73,9 +79,11 @@ def build_explorer(
     return application
 
 
-def _add_page(application: FastAPI, page_token: str) -> None:
+def _add_page(application: FastAPI, page_token: str, pressure_unit: PressureUnit) -> None:
     templates = load_templates("swashtwin.explorer")
-    html = templates.get_template("explorer.html.jinja").render(version=VERSION, token=page_token)
+    html = templates.get_template("explorer.html.jinja").render(
+        version=VERSION, token=page_token, pressure_unit=pressure_unit
+    )
 
     @application.get("/", response_class=HTMLResponse)
     def page() -> str:
@@ -193,6 +201,7 @@ def run_explorer(
     source: Path,
     *,
     model: Path | None = None,
+    pressure_unit: PressureUnit = "MPa",
     port: int,
     stop: threading.Event,
     started: Callable[[str], None],
@@ -201,6 +210,7 @@ def run_explorer(
 
     Parameters
     ----------
+    pressure_unit : unit in which pressures are shown.
     started : called with the address once the page can be opened. It holds a new token, and only
         a browser that was started with it, or a program that sends it, gets an answer.
 
@@ -212,7 +222,9 @@ def run_explorer(
         Another program uses the port.
     """
     token = secrets.token_urlsafe(32)
-    application = build_explorer(Workspace(source), model, address_token=token)
+    application = build_explorer(
+        Workspace(source), model, address_token=token, pressure_unit=pressure_unit
+    )
     with serving_page(application, "127.0.0.1", port):
         started(f"http://127.0.0.1:{port}/?{TOKEN_PARAMETER}={token}")
         stop.wait()

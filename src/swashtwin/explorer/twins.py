@@ -1,5 +1,6 @@
 """Twins of a workspace: their lines over measured ones, calibration, windows, and new pumps."""
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import lru_cache
@@ -17,8 +18,11 @@ from swashtwin.foundation import (
     FileStamp,
     InputError,
     MPa,
+    PressureUnit,
     SwashTwinError,
+    convert_pressures,
     file_stamp,
+    plural,
     rpm,
     safe_file_name,
 )
@@ -36,14 +40,17 @@ from swashtwin.pump import (
     read_nameplate,
 )
 from swashtwin.recordings import INDEX_NAME, Recording, Recordings
-from swashtwin.report import describe_turn, render_cutaway
+from swashtwin.report import MeasuredTurn, describe_turn, render_cutaway
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Calibration, MeasuredLines
+    from swashtwin.explorer.mean_turn import MeanTurn
     from swashtwin.physics import Twin
 
 MIN_BANDWIDTH_HZ = 3000.0
 """Bandwidth of a twin without a calibration, unless its first piston-pass line lies above."""
+ORDER_MARGIN = 1.25
+"""Orders of a mean turn over those of the twin at its speed: the page lowers it by up to 20 %."""
 RESULT = "result"
 """Name of the start that the last calibration made."""
 
@@ -94,12 +101,19 @@ class _Start(NamedTuple):
 
 
 class TwinWorkbench:
-    """Twins of one workspace: pumps, saved calibrations, and the last calibration made here."""
+    """Twins of one workspace: pumps, saved calibrations, and the last calibration made here.
 
-    def __init__(self, workspace: Workspace) -> None:
+    Parameters
+    ----------
+    pressure_unit : unit in which pressures are shown.
+    """
+
+    def __init__(self, workspace: Workspace, pressure_unit: PressureUnit = "MPa") -> None:
         self._workspace = workspace
+        self._pressure_unit = pressure_unit
         self._base_twin: tuple[Any, Twin] | None = None
         self._measured_lines = lru_cache(maxsize=32)(self._measure)
+        self._mean_turn = lru_cache(maxsize=32)(self._average_turns)
         self._load_start = lru_cache(maxsize=8)(_load_start)
         self._start_names: set[str] = set()
         self.job = CalibrationJob()
@@ -191,19 +205,57 @@ class TwinWorkbench:
 
         twin, calibration = self._twin(setting)
         with torch.no_grad():
-            amplitude = np.abs(twin.acceleration().numpy())
+            twin_lines = twin.acceleration().numpy()
+        amplitude = np.abs(twin_lines)
 
         content = _describe_twin(twin, calibration)
         content |= {"amplitude": amplitude, "measured": None, "reason": ""}
-        content["turn"] = describe_turn(twin)
+        content["turn_source"] = ""
+        turn = None
         try:
             measured = self._lines_to_compare(setting, twin, calibration)
         except SwashTwinError as cause:
-            return {**content, "reason": str(cause)}
+            measured = None
+            content["reason"] = convert_pressures(str(cause), self._pressure_unit)
         if measured is not None:
             content["measured"] = _describe_misfit(twin, amplitude, measured)
             content["measured"]["excerpts"] = self._describe_excerpt(setting)
+            turn, content["turn_source"] = self._measured_turn(setting, twin, twin_lines)
+        content["turn"] = describe_turn(twin, self._pressure_unit, turn)
         return content
+
+    def _measured_turn(
+        self, setting: Setting, twin: "Twin", twin_lines: np.ndarray
+    ) -> tuple[MeasuredTurn | None, str]:
+        """Return the mean turn of the selected recording at the twin's shaft angle.
+
+        The second value states where it comes from, or why there is none.
+        """
+        from swashtwin.explorer.mean_turn import align_turn
+
+        if not setting.recording:
+            return None, ""
+        version = self._workspace.version(setting.recording)
+        try:
+            mean_turn = self._mean_turn(version, self._start(setting.start).twin)
+        except SwashTwinError as cause:
+            return None, f"No measured waveform: {cause}"
+
+        aligned = align_turn(mean_turn, twin, twin_lines)
+        source = (
+            f"Measured waveform: mean of {plural(mean_turn.n_turns, 'turn')}, at the shaft angle "
+            "at which it correlates best with the twin's over all sensors (correlation "
+            f"{aligned.correlation:.2f})."
+        )
+        return MeasuredTurn(mean_turn.channels, aligned.waveform), source
+
+    def _average_turns(self, version: RecordingVersion, twin: "Twin") -> "MeanTurn":
+        from swashtwin.explorer.mean_turn import average_turns
+
+        recording = self._excerpt_of_pump(version, twin)
+        condition = _require_condition(version.name, recording)
+        max_order = math.ceil(ORDER_MARGIN * twin.bandwidth / condition.shaft_frequency)
+        return average_turns(recording, twin.pump.rotating_group.piston_count, max_order)
 
     def _describe_excerpt(self, setting: Setting) -> str:
         """Return the part of the selected recording whose lines are measured; empty for all."""
@@ -237,16 +289,9 @@ class TwinWorkbench:
         self, version: RecordingVersion, twin: "Twin", fault: str, lines: LineKind
     ) -> "MeasuredLines":
         """Measure the lines of a recording as if it were of the twin's class."""
-        from swashtwin.calibration import (
-            DEFAULT_BAND,
-            MeasuredLines,
-            assign_single_channels,
-            measure,
-        )
+        from swashtwin.calibration import DEFAULT_BAND, MeasuredLines, measure
 
-        # Of a long recording, an excerpt from its middle is measured.
-        recording = excerpts(self._workspace.recording(version.name), 1)[0]
-        recording = assign_single_channels([recording], twin.pump)[0][0]
+        recording = self._excerpt_of_pump(version, twin)
         assumed_fault = twin.fault
         if fault != "start":
             assumed_fault = FAULT_KINDS.get(fault)
@@ -258,6 +303,13 @@ class TwinWorkbench:
         return MeasuredLines(
             measurement.channels, measurement.orders, measurement.amplitude, measurement.deviation
         )
+
+    def _excerpt_of_pump(self, version: RecordingVersion, twin: "Twin") -> Recording:
+        """Return a recording, or an excerpt from the middle of a long one, as of a twin's pump."""
+        from swashtwin.calibration import assign_single_channels
+
+        excerpt = excerpts(self._workspace.recording(version.name), 1)[0]
+        return assign_single_channels([excerpt], twin.pump)[0][0]
 
     def calibrate(
         self, setting: Setting, comparable: Annotated[bool, Body()] = False

@@ -49,6 +49,9 @@ from .packages import compiled as compiled
 from .packages import load_extra as load_extra
 from .packages import require_modules as require_modules
 from .page_templates import load_templates as load_templates
+from .pressure_unit import PASCALS as PASCALS
+from .pressure_unit import PressureUnit as PressureUnit
+from .pressure_unit import convert_pressures as convert_pressures
 from .processes import MEMORY_VARIABLE as MEMORY_VARIABLE
 from .processes import exit_with_parent as exit_with_parent
 from .processes import keep_freed_memory as keep_freed_memory

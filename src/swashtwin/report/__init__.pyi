@@ -9,6 +9,7 @@ from .drawing import tabulate as tabulate
 from .indicator_figures import draw_spectrum as draw_spectrum
 from .indicator_figures import draw_trend as draw_trend
 from .living_pump import LivingPump as LivingPump
+from .living_pump import MeasuredTurn as MeasuredTurn
 from .living_pump import build_living_pumps as build_living_pumps
 from .living_pump import describe_turn as describe_turn
 from .model_part import draw_confusion as draw_confusion

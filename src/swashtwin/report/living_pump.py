@@ -1,6 +1,6 @@
 """The pump that turns on a page: its geometry, one revolution of its twin, and its fault.
 
-`static/living_pump.js` draws it, in mm, rad, MPa, N and m/s^2.
+`static/living_pump.js` draws it, in mm, rad, MPa or bar, N and m/s^2.
 """
 
 import base64
@@ -12,9 +12,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
+from jaxtyping import Float
 from markupsafe import Markup
 
-from swashtwin.foundation import SwashTwinError, json_text, load_extra, plural, rpm, to_table
+from swashtwin.foundation import (
+    PASCALS,
+    PressureUnit,
+    SwashTwinError,
+    convert_pressures,
+    json_text,
+    load_extra,
+    plural,
+    rpm,
+    to_table,
+)
 from swashtwin.plot import format_label
 from swashtwin.pump import (
     FAULT_KINDS,
@@ -91,6 +102,7 @@ def build_living_pumps(
     pistons: int | None = None,
     speed: float | None = None,
     pressure: float | None = None,
+    pressure_unit: PressureUnit = "MPa",
 ) -> tuple[LivingPump, ...]:
     """Return a pump that turns with a typical fault of a class.
 
@@ -104,6 +116,7 @@ def build_living_pumps(
     pistons : number of pistons of a machine whose pump is not known.
     speed : shaft speed [rad/s]; by default the pump's rated one.
     pressure : discharge pressure [Pa]; by default the rated one.
+    pressure_unit : unit in which pressures are shown.
     """
     fault = FAULT_KINDS.get(propose_class(label) or label)
     if fault is None:
@@ -119,7 +132,8 @@ def build_living_pumps(
         piston_pass = drawn_pump.rotating_group.piston_count * condition.shaft_frequency
         bandwidth = max(_MIN_BANDWIDTH_HZ, 1.05 * piston_pass)
         physics = load_extra("swashtwin.physics", "twin", "a pump that turns")
-        content = describe_turn(physics.Twin(drawn_pump, condition, fault, bandwidth=bandwidth))
+        twin = physics.Twin(drawn_pump, condition, fault, bandwidth=bandwidth)
+        content = describe_turn(twin, pressure_unit)
     except SwashTwinError:
         return ()
 
@@ -131,7 +145,7 @@ def build_living_pumps(
         f"{condition.speed / rpm(1):.4g} rpm and {1e-6 * condition.discharge_pressure:.3g} MPa "
         f"with a typical fault of the class {format_label(label)}."
     )
-    return (LivingPump(content, caption),)
+    return (LivingPump(content, convert_pressures(caption, pressure_unit)),)
 
 
 def _load_pump(pump: str | Path | None, pistons: int | None) -> Pump:
@@ -152,8 +166,26 @@ def _load_pump(pump: str | Path | None, pistons: int | None) -> Pump:
     return scaled_pump(shipped, nameplate, f"{SHIPPED_PUMP} scaled to {pistons} pistons")
 
 
-def describe_turn(twin: "Twin") -> dict[str, Any]:
-    """Return what the script draws of a twin: geometry, one revolution, and the fault."""
+@dataclass(frozen=True, eq=False)
+class MeasuredTurn:
+    """One turn of a recording, which is drawn over that of a twin."""
+
+    channels: tuple[str, ...]
+    """Channels, each a sensor of the twin's pump."""
+    waveform: Float[np.ndarray, "channel angle"]
+    """Acceleration [m/s^2] on a uniform grid of the twin's shaft angle from 0."""
+
+
+def describe_turn(
+    twin: "Twin", pressure_unit: PressureUnit = "MPa", measured: MeasuredTurn | None = None
+) -> dict[str, Any]:
+    """Return what the script draws of a twin: geometry, one revolution, and the fault.
+
+    Parameters
+    ----------
+    pressure_unit : unit in which pressures are shown.
+    measured : turn of a recording; `None` draws the twin's waveform alone.
+    """
     from swashtwin.physics import solve_turn
 
     pump = twin.port_timing.apply(twin.pump)
@@ -168,13 +200,19 @@ def describe_turn(twin: "Twin") -> dict[str, Any]:
             }
             for sensor in pump.sensors
         ],
-        "chamber": _packed(1e-6 * turn.chamber),
-        "discharge": _packed(1e-6 * turn.discharge),
+        "pressureUnit": pressure_unit,
+        "chamber": _packed(turn.chamber / PASCALS[pressure_unit]),
+        "discharge": _packed(turn.discharge / PASCALS[pressure_unit]),
         "contact": _packed(turn.contact),
         "displacement": _packed(1e3 * turn.displacement),
         "waveform": _packed(turn.acceleration),
+        "measured": None if measured is None else _describe_measured(measured),
         "fault": _describe_fault(twin),
     }
+
+
+def _describe_measured(measured: MeasuredTurn) -> dict[str, Any]:
+    return {"channels": measured.channels, "waveform": _packed(measured.waveform)}
 
 
 def _packed(values: np.ndarray) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 /** Facts of recordings: show, edit, undo. */
 import { element, showMessage } from "./elements.js";
-import { formatNumber } from "./numbers.js";
+import { formatNumber, formatPressure } from "./numbers.js";
 import { attempt, send } from "./server.js";
 import { announceChange, loadRows, state, takeTable } from "./state.js";
 
@@ -199,7 +199,7 @@ function factText(row, fact) {
   if (fact === "label") return row.label;
   if (fact === "specimen") return row.specimen;
   if (fact === "speed") return row.rpm && `${formatNumber(row.rpm, 4)} rpm`;
-  if (fact === "pressure") return row.mpa && `${formatNumber(row.mpa, 4)} MPa`;
+  if (fact === "pressure") return row.mpa && formatPressure(row.mpa);
   return undefined;
 }
 

@@ -2,6 +2,11 @@
 
 const STANDARD_GRAVITY = 9.80665;
 const REFERENCE_ACCELERATION = 1e-6; // 1 µm/s², by ISO 1683
+const UNITS_PER_MPA = { MPa: 1, bar: 10 };
+
+const pressureUnit = /** @type {"MPa" | "bar"} */ (document.body.dataset.pressureUnit);
+/** Unit of pressures, and its number in a megapascal. */
+export const PRESSURE = { unit: pressureUnit, perMpa: UNITS_PER_MPA[pressureUnit] };
 
 /**
  * Return a number with a count of significant digits; a dash for a missing one.
@@ -59,6 +64,15 @@ export function formatDecibels(value, unit) {
 export function formatQuantity(value, unit) {
   const text = `${formatNumber(value)} ${formatUnit(unit)}`;
   return unit === "m/s^2" ? `${text} (${formatNumber(value / STANDARD_GRAVITY)} g)` : text;
+}
+
+/**
+ * Return a pressure with the unit that the explorer was started with.
+ *
+ * @param {number} mpa
+ */
+export function formatPressure(mpa) {
+  return `${formatNumber(PRESSURE.perMpa * mpa, 4)} ${PRESSURE.unit}`;
 }
 
 /** @param {string} unit */

@@ -10,7 +10,7 @@ import {
   severityText,
   writeChanges,
 } from "./facts.js";
-import { formatNumber } from "./numbers.js";
+import { formatNumber, formatPressure } from "./numbers.js";
 import { attempt, send } from "./server.js";
 import { addressOf, rememberAddress, state, step, takeTable } from "./state.js";
 
@@ -115,7 +115,7 @@ function searchText(row) {
     row.label,
     row.specimen,
     row.rpm && Math.round(row.rpm),
-    row.mpa,
+    row.mpa && formatPressure(row.mpa),
     severityText(row),
     ...row.findings.map((finding) => finding.message),
   ];

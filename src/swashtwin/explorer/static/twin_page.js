@@ -2,7 +2,7 @@
 import { Chart } from "./chart.js";
 import { element, foldedList, scrollTable, selectMenu, showMessage } from "./elements.js";
 import { LivingPump } from "./living_pump.js";
-import { formatLabel, formatNumber } from "./numbers.js";
+import { formatLabel, formatNumber, formatPressure, PRESSURE } from "./numbers.js";
 import { Stems } from "./series.js";
 import { attempt, attemptQuietly, request, send } from "./server.js";
 import { readyRows, rememberAddress, state } from "./state.js";
@@ -84,6 +84,7 @@ class TwinPage {
     /** @type {{label: string, place: HTMLElement, lines: any} | null} slider that was moved last */
     this.moved = null;
     this.pumpPlace = element("div", { class: "living-pump" });
+    this.turnSource = element("p", { class: "turn-source soft" });
     this.pump = new LivingPump(this.pumpPlace);
     this.misfit = element("div");
     this.savingForm = this.makeSavingForm();
@@ -144,6 +145,7 @@ class TwinPage {
       this.summary,
       this.warnings,
       this.pumpPlace,
+      this.turnSource,
       element(
         "div",
         { class: "twin" },
@@ -252,7 +254,7 @@ class TwinPage {
     const speed = formatNumber(lines.rpm, 4);
     this.summary.textContent =
       `${lines.pump}: ${lines.pistons} pistons, ${displacement} cm³/rev,` +
-      ` ${speed} rpm, ${formatNumber(lines.mpa)} MPa; ${state}.`;
+      ` ${speed} rpm, ${formatPressure(lines.mpa)}; ${state}.`;
     attempt(() => this.drawCutaway(lines));
   }
 
@@ -306,13 +308,14 @@ class TwinPage {
 
   /** @param {any} lines */
   conditionSliders({ mpa, rpm }) {
-    const pressure = this.slider("Discharge pressure", mpa, {
-      low: 1,
-      high: Math.max(MAX_PRESSURE_MPA, mpa),
-      unit: "MPa",
-      nominal: mpa,
+    const { unit, perMpa } = PRESSURE;
+    const pressure = this.slider("Discharge pressure", perMpa * mpa, {
+      low: perMpa,
+      high: perMpa * Math.max(MAX_PRESSURE_MPA, mpa),
+      unit,
+      nominal: perMpa * mpa,
       onValue: (value) => {
-        this.setting.mpa = value;
+        this.setting.mpa = value / perMpa;
       },
     });
     const speed = this.slider("Speed", rpm, {
@@ -423,6 +426,7 @@ class TwinPage {
     const { measured } = lines;
     this.lines = lines;
     this.pump.show(lines.turn);
+    this.turnSource.textContent = lines.turn_source;
     this.showWarnings(lines);
     if (this.moved) this.moved.place.textContent = largestChange(lines, this.moved.lines);
     const channels = measured?.channels ?? lines.channels;

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 from msgspec import Meta, Struct, field
 from msgspec.structs import force_setattr
 
-from swashtwin.monitoring.config.pressure_unit import PressureUnit
+from swashtwin.foundation import PressureUnit
 from swashtwin.pump import load_pump
 
 Text = Annotated[str, Meta(min_length=1, pattern=r"\S")]

@@ -13,9 +13,8 @@ from markupsafe import Markup
 from starlette.responses import HTMLResponse, Response
 
 from swashtwin.diagnosis import Check
-from swashtwin.foundation import rpm
+from swashtwin.foundation import PASCALS, PressureUnit, convert_pressures, rpm
 from swashtwin.monitoring.alarms.baseline import baseline_band_powers
-from swashtwin.monitoring.config.pressure_unit import PASCALS, PressureUnit, convert_pressures
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.schema import Alarm, Judgment
 from swashtwin.monitoring.page.advice import (
@@ -93,7 +92,7 @@ class Pages:
         self._site_names = {
             machine.name: machine.site for machine in site.config.machines if machine.site
         }
-        self._drawings = PumpDrawings()
+        self._drawings = PumpDrawings(site.config.pressure_unit)
         self._spectra = lru_cache(maxsize=_CACHED_SPECTRA)(self._draw_spectra)
 
     def _draw_spectra(

@@ -7,7 +7,7 @@ import logging
 import threading
 from functools import lru_cache
 
-from swashtwin.foundation import ChildDiedError, run_in_child
+from swashtwin.foundation import ChildDiedError, PressureUnit, run_in_child
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.history.schema import Judgment
 from swashtwin.report import LivingPump, build_living_pumps
@@ -20,9 +20,15 @@ _log = logging.getLogger("swashtwin.watch")
 
 
 class PumpDrawings:
-    """Draws pumps with a typical fault."""
+    """Draws pumps with a typical fault.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    pressure_unit : unit in which their pressures are shown.
+    """
+
+    def __init__(self, pressure_unit: PressureUnit) -> None:
+        self._pressure_unit = pressure_unit
         self._lock = threading.Lock()
         self._build = lru_cache(maxsize=N_CACHED_DRAWINGS)(_build_in_child)
 
@@ -46,7 +52,7 @@ class PumpDrawings:
         # Visitors who open the same alarm at the same time wait for one process.
         with self._lock:
             try:
-                return self._build(label, *facts)
+                return self._build(label, *facts, self._pressure_unit)
             except ChildDiedError as cause:  # also at the end of the watch
                 _log.warning("the pump of an alarm could not be drawn: %s", cause)
                 return ()
@@ -61,7 +67,15 @@ def _build_in_child(
     pistons: int | None,
     speed: float | None,
     pressure: float | None,
+    pressure_unit: PressureUnit,
 ) -> tuple[LivingPump, ...]:
     return run_in_child(
-        build_living_pumps, label, pump, pistons, speed, pressure, timeout_s=BUILD_TIMEOUT_S
+        build_living_pumps,
+        label,
+        pump,
+        pistons,
+        speed,
+        pressure,
+        pressure_unit,
+        timeout_s=BUILD_TIMEOUT_S,
     )

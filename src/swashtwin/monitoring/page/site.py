@@ -14,8 +14,7 @@ from jinja2 import Environment
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
 
-from swashtwin.foundation import VERSION, load_templates
-from swashtwin.monitoring.config.pressure_unit import PressureUnit, convert_pressures
+from swashtwin.foundation import VERSION, PressureUnit, convert_pressures, load_templates
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.reading import MachineOverview

@@ -6,8 +6,8 @@ from datetime import datetime
 from hashlib import sha256
 from typing import Any
 
+from swashtwin.foundation import convert_pressures
 from swashtwin.monitoring.alarms.channels import AlarmMessage
-from swashtwin.monitoring.config.pressure_unit import convert_pressures
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.schema import Alarm
 from swashtwin.monitoring.history.transaction import MachineTransaction

@@ -22,11 +22,13 @@
  * @property {string} description
  * @property {Record<string, number>} shape Lengths [mm] and angles [rad].
  * @property {{name: string, position: number[]}[]} sensors
- * @property {Packed} chamber [MPa]
- * @property {Packed} discharge [MPa]
+ * @property {string} pressureUnit Unit of pressures.
+ * @property {Packed} chamber
+ * @property {Packed} discharge
  * @property {Packed} contact [N]
  * @property {Packed} displacement [mm]
  * @property {Packed} waveform [m/s²]
+ * @property {{channels: string[], waveform: Packed} | null} measured [m/s²]
  * @property {Fault | null} fault
  */
 
@@ -53,6 +55,8 @@ const RIGHT = 10;
 const TOP = 20;
 const BOTTOM = 20;
 const DOT = 4;
+/** Width of a measured waveform, over which that of the twin is drawn. */
+const MEASURED_WIDTH = 3;
 /** Size below which a page has not laid out its figures yet. */
 const MIN_SIZE = 80;
 
@@ -179,7 +183,7 @@ export class LivingPump {
     /** Number of drawn frames, for measurements of speed. */
     this.frames = 0;
     /** Where the cursor is [px], for tests. */
-    this.cursor = { x: 0, pressure: 0, waveform: 0 };
+    this.cursor = { x: 0, pressure: 0, waveform: 0, measured: 0 };
     /** @type {Record<string, string>} */
     this.ink = {};
     /** @type {string[]} */
@@ -237,6 +241,11 @@ export class LivingPump {
     this.displacement = unpack(content.displacement);
     this.waveform = unpack(content.waveform);
     this.discharge = unpack(content.discharge)[0];
+    const measured = content.measured ? unpack(content.measured.waveform) : [];
+    /** @type {(Float32Array | undefined)[]} measured waveform of each sensor, if there is one */
+    this.measured = content.sensors.map(
+      ({ name }) => measured[content.measured?.channels.indexOf(name) ?? -1],
+    );
     this.count = this.chamber.length;
     this.maxPressure = largest(this.chamber);
     this.maxContact = largest(this.contact);
@@ -296,9 +305,12 @@ export class LivingPump {
     const pressure = format(valueAt(this.chamber[this.tracked], this.angle));
     const line = format(valueAt(this.discharge, this.angle));
     const reading = format(valueAt(this.waveform[this.sensor], this.angle));
+    const measured = this.measured[this.sensor];
+    const unit = this.content.pressureUnit;
     const text =
-      `${degrees}°: chamber ${this.tracked + 1} ${pressure} MPa, outlet ${line} MPa, ` +
-      `${this.content.sensors[this.sensor].name} ${reading} m/s²`;
+      `${degrees}°: chamber ${this.tracked + 1} ${pressure} ${unit}, outlet ${line} ${unit}, ` +
+      `${this.content.sensors[this.sensor].name} ${reading} m/s²` +
+      (measured ? `, measured ${format(valueAt(measured, this.angle))} m/s²` : "");
     this.output.textContent = text;
     this.handle.setAttribute("aria-valuetext", text);
     this.handle.value = degrees;
@@ -691,7 +703,8 @@ export class LivingPump {
     }
     pen.fillStyle = ink.soft;
     pen.fillText("top dead center", face.width / 2, 12);
-    const side = 0.8 * scale * radius + 24;
+    // Half of a name remains within the edge of a narrow figure.
+    const side = Math.min(0.8 * scale * radius + 24, face.width / 2 - 18);
     pen.fillText("outlet", face.width / 2 - side, face.height - 4);
     pen.fillText("inlet", face.width / 2 + side, face.height - 4);
   }
@@ -713,7 +726,7 @@ export class LivingPump {
     return bottom - share * panel;
   }
 
-  /** @param {number} pressure [MPa] */
+  /** @param {number} pressure */
   heightOfPressure(pressure) {
     return this.heightOf(pressure / (1.05 * this.maxPressure), true);
   }
@@ -727,7 +740,8 @@ export class LivingPump {
   paintCurves() {
     const { base, curves, ink } = this;
     const readings = this.waveform[this.sensor];
-    this.maxReading = largest([readings]);
+    const measured = this.measured[this.sensor];
+    this.maxReading = largest(measured ? [readings, measured] : [readings]);
     base.canvas.width = curves.canvas.width;
     base.canvas.height = curves.canvas.height;
     base.width = curves.width;
@@ -756,9 +770,22 @@ export class LivingPump {
       pen.fillText(format(reading), LEFT - 10, this.heightOfReading(reading) + 4);
     }
     pen.textAlign = "left";
-    pen.fillText(`MPa: chamber ${this.tracked + 1}, outlet (gray)`, LEFT, 12);
-    const name = this.content.sensors[this.sensor].name;
-    pen.fillText(`m/s²: ${name}`, LEFT + 30, base.height / 2 + 14);
+    const pressureUnit = this.content.pressureUnit;
+    pen.fillText(`${pressureUnit}: chamber ${this.tracked + 1}, outlet (gray)`, LEFT, 12);
+    const title = `m/s²: ${this.content.sensors[this.sensor].name}`;
+    const titleHeight = base.height / 2 + 14;
+    pen.fillText(title, LEFT + 30, titleHeight);
+    if (measured) {
+      let x = LEFT + 42 + pen.measureText(title).width;
+      for (const [name, color, width] of this.legend()) {
+        pen.strokeStyle = color;
+        pen.lineWidth = width;
+        line(pen, x, titleHeight - 4, x + 16, titleHeight - 4);
+        pen.fillText(name, x + 20, titleHeight);
+        x += 34 + pen.measureText(name).width;
+      }
+      pen.lineWidth = 1;
+    }
 
     // The axis of the pressure is the legend of its colors.
     for (let n = 0; n < SHADES; n++) {
@@ -768,20 +795,31 @@ export class LivingPump {
       pen.fillRect(LEFT - 6, y, 5, height + 0.5);
     }
     const toPressure = (/** @type {number} */ value) => this.heightOfPressure(value);
+    const toReading = (/** @type {number} */ value) => this.heightOfReading(value);
     this.paintCurve(this.discharge, ink.soft, toPressure);
     this.paintCurve(this.chamber[this.tracked], ink.curve, toPressure);
-    this.paintCurve(readings, ink.curve, (value) => this.heightOfReading(value));
+    if (measured) this.paintCurve(measured, ink.edge, toReading, MEASURED_WIDTH);
+    this.paintCurve(readings, ink.curve, toReading);
+  }
+
+  /** @returns {[string, string, number][]} name, color and width of both waveforms */
+  legend() {
+    return [
+      ["measured", this.ink.edge, MEASURED_WIDTH],
+      ["twin", this.ink.curve, 1.5],
+    ];
   }
 
   /**
    * @param {Float32Array} values
    * @param {string} color
    * @param {(value: number) => number} height
+   * @param {number} width
    */
-  paintCurve(values, color, height) {
+  paintCurve(values, color, height, width = 1.5) {
     const { pen } = this.base;
     pen.strokeStyle = color;
-    pen.lineWidth = 1.5;
+    pen.lineWidth = width;
     pen.beginPath();
     for (let n = 0; n <= values.length; n++) {
       pen.lineTo(this.pixelOf((n / values.length) * TURN), height(values[n % values.length]));
@@ -803,6 +841,12 @@ export class LivingPump {
     pen.strokeStyle = ink.ink;
     line(pen, cursor.x, this.heightOf(1, true), cursor.x, this.heightOf(0, true));
     line(pen, cursor.x, this.heightOf(1, false), cursor.x, this.heightOf(0, false));
+    const measured = this.measured[this.sensor];
+    if (measured) {
+      cursor.measured = this.heightOfReading(valueAt(measured, this.angle));
+      pen.fillStyle = ink.edge;
+      dot(pen, cursor.x, cursor.measured, DOT);
+    }
     pen.fillStyle = ink.mark;
     dot(pen, cursor.x, cursor.pressure, DOT);
     dot(pen, cursor.x, cursor.waveform, DOT);

@@ -1,6 +1,6 @@
-"""The unit in which a watch shows pressures, on its page and in its messages.
+"""The unit in which pages and messages show pressures.
 
-The history keeps pascals, and sentences and names of operating points in MPa.
+Histories and files keep pascals, and sentences and names of operating points are in MPa.
 """
 
 import re

@@ -19,6 +19,7 @@ from swashtwin.learning import (
     split_by_recording,
     without_overlap,
 )
+from swashtwin.learning.windows.splitting import fold_training_rows, is_made_without
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, recording_groups
 
@@ -359,6 +360,55 @@ def test_an_attribute_that_no_recording_has_is_refused_and_the_nearest_offered()
             cut_windows([without_condition("a"), without_condition("b", "leak")], length=100),
             group={"b": "x"},
         )
+
+
+def test_folds_depend_on_the_seed_alone():
+    windows = cut_windows(rig(), length=100)
+
+    def tested_ids(seed: int) -> list[set[str]]:
+        folds = group_folds(windows, n_folds=3, seed=seed)
+        return [set(windows.recording_id[tested].tolist()) for _, tested in folds]
+
+    assert tested_ids(0) == tested_ids(0)
+    assert tested_ids(0) != tested_ids(1)
+
+
+FOLD_ROWS = [
+    # class, specimen, synthetic, trained on if the recordings of A are tested
+    (0, "A", False, False),
+    (0, "B", False, True),
+    (1, "A", False, False),
+    (1, "B", False, True),
+    (0, "twin of A", True, False),
+    (0, "twin of B", True, True),
+    (0, "twin of 25scy14-1b", True, True),
+    (1, "copies of A", True, False),
+    (1, "A", True, False),
+    (1, "copies of B", True, True),
+    # nobody recorded this class: no tested row is of it
+    (2, "twin of A", True, True),
+]
+
+
+def test_a_fold_trains_on_other_machines_and_on_what_was_made_without_the_tested_ones():
+    target, specimen, synthetic, is_trained = map(np.array, zip(*FOLD_ROWS, strict=True))
+    tested = np.flatnonzero((specimen == "A") & ~synthetic)
+
+    trained = fold_training_rows(target, specimen, synthetic, tested)
+
+    assert trained.tolist() == np.flatnonzero(is_trained).tolist()
+
+
+def test_a_twin_of_a_machine_that_is_trained_on_too_is_kept_and_copies_of_it_are_not():
+    specimens = np.array(["twin of A", "copies of A", "A", "copies of BA"])
+    tested = np.array(["A", ""])
+
+    assert is_made_without(specimens, trained=np.array(["A"]), tested=tested).tolist() == [
+        *(True, False, False, True)
+    ]
+    # windows without a machine are of no machine that something is made from
+    nameless = np.array(["copies of ", ""])
+    assert is_made_without(nameless, trained=np.array(["A"]), tested=tested).all()
 
 
 @given(st.integers(5, 70))

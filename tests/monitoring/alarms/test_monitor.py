@@ -155,6 +155,38 @@ def test_the_same_recordings_give_the_same_judgments(follow: Follow) -> None:
     assert first == second
 
 
+def test_an_alarm_goes_on_while_a_sensor_is_faulty(follow: Follow, machine: Machine) -> None:
+    alarm = follow([12.0] * 8)[-1]
+    assert alarm.is_alarm
+
+    recording = machine.recording(N_WATCHED + 8)
+    flat = recording.signal.copy()
+    flat[0] = 0.0
+    judgment = MONITOR.judge(recording.replace(signal=flat), alarm.state)
+
+    assert judgment.stage == "sensor"
+    assert judgment.is_alarm
+    assert judgment.learned == alarm.learned
+    assert judgment.state.pump == alarm.state.pump
+
+
+def test_each_recording_draws_its_own_rank_among_equal_scores(machine: Machine) -> None:
+    recording = machine.recording(0)
+    state = None
+    p_values = []
+    for _ in range(60):
+        judgment = MONITOR.judge(recording, state)
+        state = judgment.state
+        if judgment.p_value is not None:
+            p_values.append(judgment.p_value)
+
+    # All scores are equal, so the draws alone decide. One draw for all would give equal p-values,
+    # which are not uniform, and the limit of the false alarms rests on that they are.
+    counts, _ = np.histogram(p_values, bins=4, range=(0, 1))
+    assert len(p_values) == 40
+    assert counts.min() >= 4
+
+
 def with_missing_sample(recording: Recording) -> Recording:
     signal = recording.signal.copy()
     signal[1, 7] = np.nan

@@ -386,8 +386,10 @@ def test_a_page_has_a_figure_for_what_its_study_varies(
 # ---- what the answer says
 
 
-def answer(accuracies: Mapping[str, Mapping[str, tuple[float, ...]]], **changes: Any) -> str:
-    """Return the answer at L2 of a study with these accuracies.
+def study_of(
+    accuracies: Mapping[str, Mapping[str, tuple[float, ...]]], **changes: Any
+) -> StudyResult:
+    """Return a study at L2 with these accuracies.
 
     They are given by classifier and training set, one for each seed.
     """
@@ -399,7 +401,12 @@ def answer(accuracies: Mapping[str, Mapping[str, tuple[float, ...]]], **changes:
                 (row,) = stub["rows"]
                 runs.append({**stub, "rows": [{**row, "accuracy": value}]})
 
-    (sentence,) = build_study(build_plan("case1"), runs).answer
+    return build_study(build_plan("case1"), runs)
+
+
+def answer(accuracies: Mapping[str, Mapping[str, tuple[float, ...]]], **changes: Any) -> str:
+    """Return the answer at L2 of a study with these accuracies."""
+    (sentence,) = study_of(accuracies, **changes).answer
     return sentence
 
 
@@ -444,6 +451,9 @@ def test_the_best_row_has_all_seeds() -> None:
         "extra_trees": {"calibrated": (0.95,)},
     }
     assert "highest accuracy (rows of 2 seeds) 0.750" in answer(accuracies)
+    assert study_of(accuracies).headline == (
+        "Highest accuracy at L2: 0.750, BiTCN on spectra (ours)"
+    )
 
 
 def test_rows_without_synthetic_windows_are_compared_with_those_of_every_number() -> None:

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,6 +47,27 @@ def test_a_row_holds_mean_deviation_and_values_of_its_trials(study):
     assert nominal["rmse"]["mean"] == pytest.approx(0.75)
     assert nominal["rmse"]["std"] == pytest.approx(np.std([0.7, 0.8], ddof=1))
     assert calibrated["rmse"]["values"] == pytest.approx([0.4, 0.5])
+
+
+def test_the_headline_gives_the_range_of_the_first_metric_that_differs(study):
+    assert study.headline == "RMSE [m/s²]: 0.75 (nominal) to 0.45 (calibrated)"
+
+    alike = [replace(trial, values={**trial.values, "n": 3.0}) for trial in study.trials]
+    metrics = {"n": "recordings", **study.metrics}
+    assert replace(study, metrics=metrics, trials=tuple(alike)).headline == study.headline
+
+
+def test_a_study_without_values_has_no_headline(study):
+    assert replace(study, metrics={"sve": "SVE"}).headline == ""
+
+
+def test_the_page_begins_with_headline_and_chart(study, tmp_path):
+    page = write_study_report(study, folder=tmp_path).read_text(encoding="utf-8")
+
+    text = re.sub(r"<[^>]*>", "", page)
+    positions = [text.index(part) for part in (study.headline, "Bars: mean", "In words")]
+    assert positions == sorted(positions)
+    assert (tmp_path / "figures" / "study_summary.csv").is_file()
 
 
 def test_an_undefined_metric_is_null_in_json(study):

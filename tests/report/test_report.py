@@ -134,7 +134,7 @@ def test_every_figure_is_on_the_page_and_in_the_folder_with_its_data(folder, pag
         "tsne",
         "training",
     }
-    assert kinds == calibration_and_training | {"rows"}
+    assert kinds == calibration_and_training | {"rows", "summary"}
 
 
 def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibration):

@@ -42,6 +42,9 @@ QUESTION = "No fault was recorded at this pressure: can twins replace the missin
 STUDY = "demo"
 """Name of the study whose runs the demo keeps."""
 
+WITHOUT = "measured"
+"""Training set without simulated windows."""
+
 WITH = "calibrated"
 """Training set whose model is kept, and whose diagnosis the page shows."""
 
@@ -159,7 +162,9 @@ def run_demo(
         rig=rig,
         page=out / "report" / "report.html",
     )
-    write_report(_build_page(demo), folder=demo.page.parent, about={"Model": demo.model.as_posix()})
+    write_report(
+        *_build_page(demo), folder=demo.page.parent, about={"Model": demo.model.as_posix()}
+    )
     return demo
 
 
@@ -252,20 +257,19 @@ def summarize_demo(demo: Demo) -> tuple[str, ...]:
     )
 
 
-def _build_page(demo: Demo) -> Part:
-    """Return the page: question, comparison, diagnosis, scores.
+def _build_page(demo: Demo) -> tuple[Part, Part]:
+    """Return the parts of the page: the answer to the question, and a diagnosis.
 
     Sections on calibration and training are folded: they explain, but do not answer.
     """
     diagnosis = build_part(demo.diagnoses[WITH][demo.shown_index], "diagnosis")
     study = build_study_part(demo.study, "study")
+    counts, limit, shown = summarize_demo(demo)
 
     comparison = Section(
-        SectionOrder.VERDICT,
-        "With and without twins",
-        (_build_counts(demo), _build_comparison(demo)),
+        SectionOrder.VERDICT, "With and without twins", (counts, _build_comparison(demo))
     )
-    scores = Section(SectionOrder.SCORES, "Both splits and classifiers", tuple(study.answer))
+    scores = Section(SectionOrder.SCORES, "Both splits and classifiers", study.glance)
 
     study_sections = []
     for section in study.sections:
@@ -274,13 +278,19 @@ def _build_page(demo: Demo) -> Part:
             section = replace(section, blocks=(details,))
         study_sections.append(section)
 
-    return replace(
-        diagnosis,
+    answer = Part(
         title=QUESTION,
-        answer=(*summarize_demo(demo), *diagnosis.answer),
-        sections=(comparison, *diagnosis.sections, scores, *study_sections),
-        results={**diagnosis.results, **study.results},
+        verdict=(
+            f"{demo.count_correct(WITH)} of {len(demo.labels)} recordings correct with twins, "
+            f"{demo.count_correct(WITHOUT)} without"
+        ),
+        answer=(limit,),
+        notice=diagnosis.notice,
+        glance=(_build_counts(demo),),
+        sections=(comparison, scores, *study_sections),
+        results=study.results,
     )
+    return answer, replace(diagnosis, answer=(shown, *diagnosis.answer))
 
 
 def _build_counts(demo: Demo) -> Table:

@@ -285,10 +285,14 @@ def _render(content: _Content, *, has_folder: bool) -> str:
 
 
 def _build_title(parts: Sequence[Part]) -> str:
-    """Return the title of a page: that of its part, or what its parts have in common."""
+    """Return the title of a page: that of its part, or what its parts have in common.
+
+    An answer before the diagnosis of one recording is what the page is about.
+    """
     titles = {part.title for part in parts if part.verdict or part.answer}
     subjects = {part.subject for part in parts}
-    if len(titles) == 1 or len(subjects) == 1:
+    leads = not parts[0].subject and parts[0].verdict and len(subjects) == 2
+    if len(titles) == 1 or len(subjects) == 1 or leads:
         return parts[0].title
     if "" not in subjects:
         return f"{parts[0].title.split(' of ')[0]} of {plural(len(subjects), 'recording')}"

@@ -361,7 +361,8 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
 
 
 def _part(study: StudyTable) -> Part:
-    part = replace(build_study_part(study, study.study.replace("-", "_")), notice="")
+    # The lead states the results of all experiments; each chart stands with its scores.
+    part = replace(build_study_part(study, study.study.replace("-", "_")), notice="", glance=())
     if study.study != IDENTIFICATION:
         return part
     blocks = (values_table(study), rates_drawing(study))

@@ -25,7 +25,7 @@ from swashtwin.plot import (
 )
 from swashtwin.report import Drawing, draw_confusion, render_drawing, tabulate
 from swashtwin_bench.results.naming import format_factor
-from swashtwin_bench.results.result import StudyResult, factors_of_test, name_run
+from swashtwin_bench.results.result import METRICS, StudyResult, factors_of_test, name_run
 from swashtwin_bench.results.runs import Run
 from swashtwin_bench.results.table import StudyTable
 
@@ -67,10 +67,8 @@ def draw_rows(study: StudyTable, key: str) -> Drawing:
 
     # Stable: within a split, rows keep the order of the study.
     rows = sorted(study.rows(), key=lambda row: str(row.get("split", "")))[:MAX_ROWS]
-    labels = _label_rows(study, rows)
-    training_sets = [str(row.get("training_set", "")) for row in rows]
-    color_by_set = {**series_colors(training_sets), "": MEASURED}
-    colors = [color_by_set[name] for name in training_sets]
+    labels = [study.label_row(row) for row in rows]
+    colors = _bar_colors(rows)
 
     n_columns = min(2, len(metrics))
     n_lines = math.ceil(len(metrics) / n_columns)
@@ -97,21 +95,52 @@ def draw_rows(study: StudyTable, key: str) -> Drawing:
     )
 
 
-def _label_rows(study: StudyTable, rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the label of each row: the factors that vary in the study, or the first one."""
-    varied = []
-    for name in study.factors:
-        values = {trial.factors[name] for trial in study.trials}
-        if len(values) > 1:
-            varied.append(name)
-    names = varied or study.factors[:1]
+@figure_style()
+def draw_summary(study: StudyTable, key: str) -> Drawing:
+    """Draw the main metric of the rows of the summary: means as bars, trials as points."""
+    metric = study.main_metric
+    rows = study.summary_rows()[:MAX_ROWS]
+    figure, axes = create_panels(1, 1, 0.9 + 0.3 * len(rows))
+    ax = axes.flat[0]
+    _draw_bars(ax, [row[metric]["values"] for row in rows], _bar_colors(rows))
+    for position, row in enumerate(rows):
+        spread = row[metric]
+        # Right of the points, which would hide it.
+        end = max(value for value in (spread["mean"], *spread["values"]) if value is not None)
+        ax.annotate(
+            f"{spread['mean']:.3g}",
+            (end, position),
+            xytext=(6, 0),
+            textcoords="offset points",
+            va="center",
+        )
+    ax.margins(x=0.12)
+    # The rows of classifiers are those of one split, which the page states.
+    labels = [study.label_row(row, without="split") for row in rows]
+    ax.set(yticks=range(len(rows)), yticklabels=labels)
+    # The first row stands at the top, as in the table.
+    ax.set_ylim(len(rows) - 0.5, -0.5)
 
-    labels = []
-    for row in rows:
-        parts = [format_factor(name, row[name]) for name in names]
-        labels.append(", ".join(parts))
+    heading = METRICS.get(metric) or study.metrics[metric]
+    ax.set_xlabel(heading)
+    table = [
+        {**trial.factors, "seed": trial.seed, metric: trial.values.get(metric)}
+        for trial in study.trials
+    ]
+    return render_drawing(
+        f"{key}_summary",
+        figure,
+        tabulate(table),
+        title=f"{heading[0].upper()}{heading[1:]}",
+        caption=f"Bars: mean over {plural(len(study.seeds), 'seed')}; points: single trials.",
+    )
 
-    return labels
+
+def _bar_colors(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the color of each row's training set."""
+    training_sets = [str(row.get("training_set", "")) for row in rows]
+    color_by_set = {**series_colors(training_sets), "": MEASURED}
+    return [color_by_set[name] for name in training_sets]
 
 
 def _draw_bars(

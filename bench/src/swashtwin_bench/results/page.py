@@ -31,17 +31,21 @@ from swashtwin_bench.results.figures import (
     draw_embedding,
     draw_excitation,
     draw_rows,
+    draw_summary,
     draw_training,
     select_embedded_runs,
 )
 from swashtwin_bench.results.naming import format_factor
 from swashtwin_bench.results.reported import format_reported, is_reported
-from swashtwin_bench.results.result import METRICS, StudyResult
+from swashtwin_bench.results.result import METRICS, Difference, StudyResult
 from swashtwin_bench.results.runs import Run
 from swashtwin_bench.results.table import USER_FILES, StudyTable
 
 # Trials in the tooltip of a cell: more would fill the screen.
 MAX_TRIALS_IN_TOOLTIP = 20
+
+MAX_SUMMARY_PAIRS = 6
+"""Differences at the top of the page; the scores have all."""
 
 # Names of metrics in the reasons of a score, if they differ.
 _REASON_NAMES = {"recall": "macro_recall", "f1": "macro_f1"}
@@ -70,13 +74,14 @@ def build_study_part(study: StudyTable, key: str) -> Part:
     key : prefix of the names of its figures.
     """
     notes = Bullets("Notes on the numbers", study.notes)
-    score_blocks: list[Any] = [_build_rows_table(study), notes]
+    sentences = Bullets("In words", study.answer)
+    score_blocks: list[Any] = [sentences, _build_rows_table(study), notes]
     drawings = [draw_rows(study, key)]
     sections: list[Section] = []
     results: dict[str, Any] = {"studies": [study.to_dict()]}
 
     if isinstance(study, StudyResult):
-        score_blocks = _build_score_blocks(study, notes)
+        score_blocks = [sentences, *_build_score_blocks(study, notes)]
         drawings += [*draw_curves(study, key), draw_confusions(study, key)]
         if study.calibrations:
             blocks = _build_calibration_blocks(study, key)
@@ -96,7 +101,10 @@ def build_study_part(study: StudyTable, key: str) -> Part:
         name += f", {study.size}"
     return Part(
         title=study.title,
-        answer=study.answer,
+        verdict=study.headline,
+        # A study without rows has no headline, but may have an answer.
+        answer=() if study.headline else study.answer[:1],
+        glance=_build_summary(study, key),
         facts=(
             ("Study", name),
             ("Seeds", ", ".join(map(str, study.seeds))),
@@ -107,6 +115,23 @@ def build_study_part(study: StudyTable, key: str) -> Part:
         sections=(scores, *sections, provenance),
         results=results,
     )
+
+
+def _build_summary(study: StudyTable, key: str) -> tuple[Any, ...]:
+    """Return what is seen at a glance: a chart, and the differences of the hardest split."""
+    blocks: list[Any] = []
+    if isinstance(study, StudyResult):
+        split = study.hardest_split
+        blocks.append(f"{split}: {SPLITS.get(split, 'not described')}.")
+    if study.summary_rows():
+        blocks.append(_with_origin(draw_summary(study, key), study))
+    if isinstance(study, StudyResult):
+        split_pairs = [
+            pair for pair in study.differences() if pair.first["split"] == study.hardest_split
+        ]
+        if split_pairs:
+            blocks.append(_build_pairs_table(study, split_pairs[:MAX_SUMMARY_PAIRS]))
+    return tuple(blocks)
 
 
 def _build_rows_table(study: StudyTable) -> Table:
@@ -226,9 +251,14 @@ def _find_reason(tests: Sequence[tuple[Run, dict[str, Any]]], metric: str) -> st
 
 
 def build_differences_table(study: StudyResult) -> Table:
+    """Return the table of all differences of the study's metric, paired by seed."""
+    return _build_pairs_table(study, study.differences())
+
+
+def _build_pairs_table(study: StudyResult, pairs: Sequence[Difference]) -> Table:
     """Return the table of differences of the study's metric, paired by seed."""
     rows = []
-    for pair in study.differences():
+    for pair in pairs:
         first = format_factor(pair.factor, pair.first[pair.factor])
         second = format_factor(pair.factor, pair.second[pair.factor])
         fixed = [

@@ -223,6 +223,39 @@ class StudyResult(StudyTable):
         return str(self.runs[0]["factors"]["classifier"])
 
     @property
+    def main_metric(self) -> str:
+        """Name of the metric of the differences."""
+        return self.metric
+
+    @property
+    def hardest_split(self) -> str:
+        """Split whose test data are the farthest from the training data."""
+        return max(trial.factors["split"] for trial in self.trials)
+
+    def summary_rows(self) -> list[dict[str, Any]]:
+        """Return the rows of the hardest split that define the main metric."""
+        split = self.hardest_split
+        return [row for row in super().summary_rows() if row["split"] == split]
+
+    @property
+    def headline(self) -> str:
+        """The best row of the hardest split in a few words.
+
+        Rows of fewer seeds than others are left out, as in `sentences`.
+        """
+        rows = self.summary_rows()
+        if not rows:
+            return ""
+
+        max_seeds = max(len(row[self.metric]["values"]) for row in rows)
+        complete = [row for row in rows if len(row[self.metric]["values"]) == max_seeds]
+        best = max(complete, key=lambda row: float(row[self.metric]["mean"]))
+        return (
+            f"Highest {METRICS[self.metric]} at {self.hardest_split}: "
+            f"{best[self.metric]['mean']:.3f}, {self.label_row(best, without='split')}"
+        )
+
+    @property
     def classes(self) -> tuple[str, ...]:
         """Class names."""
         return tuple(self.runs[0]["classes"])

@@ -15,6 +15,7 @@ from scipy import stats
 
 from swashtwin.foundation import VERSION
 from swashtwin.recordings import Recording
+from swashtwin_bench.results.naming import format_factor
 
 USER_FILES = "Recordings from files of the user."
 """Origin of recordings that do not come from the virtual rig."""
@@ -72,6 +73,55 @@ class StudyTable:
     def factors(self) -> tuple[str, ...]:
         """Names of the factors that were varied."""
         return tuple(self.trials[0].factors) if self.trials else ()
+
+    @property
+    def main_metric(self) -> str:
+        """Name of the metric that the summary of the page shows: the first that differs by row."""
+        rows = self.rows()
+        for metric in self.metrics:
+            if len({row[metric]["mean"] for row in rows} - {None}) > 1:
+                return metric
+        return next(iter(self.metrics))
+
+    def summary_rows(self) -> list[dict[str, Any]]:
+        """Return the rows that the summary of the page shows: those with the main metric."""
+        return [row for row in self.rows() if row[self.main_metric]["mean"] is not None]
+
+    @property
+    def headline(self) -> str:
+        """The range of the main metric in a few words; empty if no row defines it."""
+        rows = self.summary_rows()
+        if not rows:
+            return ""
+
+        rows.sort(key=lambda row: float(row[self.main_metric]["mean"]), reverse=True)
+        ends = []
+        for index in dict.fromkeys([0, len(rows) - 1]):
+            value = f"{rows[index][self.main_metric]['mean']:.3g}"
+            ends.append(f"{value} ({self.label_row(rows[index])})")
+        heading = self.metrics[self.main_metric]
+        return f"{heading[0].upper()}{heading[1:]}: {' to '.join(ends)}"
+
+    def label_row(self, row: Mapping[str, Any], *, without: str = "") -> str:
+        """Return the factors of a row that vary in the study, or else its first one.
+
+        Parameters
+        ----------
+        without : name of a factor that is left out.
+        """
+        varied = []
+        for name in self.factors:
+            if name != without and len({trial.factors[name] for trial in self.trials}) > 1:
+                varied.append(name)
+
+        labels = []
+        for name in varied or self.factors[:1]:
+            label = format_factor(name, row[name])
+            # A number alone would not say of what.
+            if label.isdecimal():
+                label = f"{name} {label}"
+            labels.append(label)
+        return ", ".join(labels)
 
     def values(self, metric: str, **factors: str) -> list[float]:
         """Return a metric of each trial with these factors."""

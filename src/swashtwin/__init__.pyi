@@ -32,6 +32,7 @@ from .learning import WindowSet as WindowSet
 from .learning import cut_windows as cut_windows
 from .learning import register_network as register_network
 from .physics import Twin as Twin
+from .physics import export_fmu as export_fmu
 from .pump import BoreDefect as BoreDefect
 from .pump import DamScratch as DamScratch
 from .pump import GrooveErosion as GrooveErosion

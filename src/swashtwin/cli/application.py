@@ -66,6 +66,7 @@ GROUPS: Mapping[str, tuple[str, Commands]] = {
             "severity": twin.severity,
             "next": twin.plan_next,
             "prior": models.prior,
+            "export": simulating.export_twin,
         },
     ),
     "history": (

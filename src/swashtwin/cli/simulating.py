@@ -1,4 +1,4 @@
-"""Commands that simulate: twin simulate and synthesize."""
+"""Commands that simulate: twin simulate, twin export and synthesize."""
 
 import math
 from collections.abc import Iterator
@@ -85,7 +85,7 @@ def simulate(
     """
     from swashtwin.calibration import load_calibration
     from swashtwin.physics import Twin
-    from swashtwin.pump import SwashPlateDefect, load_pump, read_condition
+    from swashtwin.pump import load_pump, read_condition
     from swashtwin.recordings import WRITABLE_SUFFIXES
 
     if count == 1:
@@ -108,13 +108,7 @@ def simulate(
         if fault is not None:
             twin = twin.with_fault(defect)
 
-    notes = twin.notes()
-    if isinstance(twin.fault, SwashPlateDefect) and fault is not None and "contact" not in fault:
-        law = (
-            f"the contact law of the recess is contact={twin.fault.contact}, which suits its depth "
-            f"of {twin.fault.depth * 1e3:.3g} mm."
-        )
-        notes = (law, *notes)
+    notes = _recess_notes(twin, fault)
     for text in notes:
         print_note(f"note: {text}")
 
@@ -249,6 +243,149 @@ def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
         print_text(f"{index}: {count_text} of {plan.twin.label}, {len(new_files)} new")
 
     print_result(result, as_json, show)
+
+
+def export_twin(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="CALIBRATION|PUMP",
+            help="Calibration file, or a pump by name or file, which is a nominal twin.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="FMU file to write.")] = Path("twin.fmu"),
+    fault: OptionalFault = None,
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            help='Speed at the start, such as "1500 rpm". Default: that of the calibration, or '
+            "the rated one."
+        ),
+    ] = None,
+    pressure: Annotated[
+        str | None,
+        typer.Option(
+            help='Absolute discharge pressure at the start, such as "10 MPa". Default: that of the '
+            "calibration, or the rated one."
+        ),
+    ] = None,
+    sources_only: Annotated[
+        bool,
+        typer.Option(
+            "--sources-only", help="Write C sources without a binary, which requires no compiler."
+        ),
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write a twin as an FMU for co-simulation (FMI 2.0), which other simulators run.
+
+    Inputs are speed, discharge pressure and the severity of the fault; outputs are the acceleration
+    of each sensor and the amplitudes of its lines. The FMU simulates steady states: changed inputs
+    take effect at the next revolution.
+    """
+    from swashtwin.physics import export_fmu
+
+    files = twin_files([source])
+    require_existing(files)
+    require_output(out, suffixes=[".fmu"], inputs=files, force=force)
+    twin, notes = _twin_at_start(source, fault, speed=speed, pressure=pressure)
+    notes = (*notes, *_recess_notes(twin, fault))
+    for text in notes:
+        print_note(f"note: {text}")
+
+    with progress("writing the FMU"):
+        fmu = export_fmu(twin, out, sources_only=sources_only)
+    inputs = [variable for variable in fmu.variables if variable.is_input]
+    result = {
+        "fmu": out,
+        "fmi_version": "2.0",
+        "model_identifier": fmu.identifier,
+        "platform": fmu.platform,
+        "inputs": [
+            {
+                "name": variable.name,
+                "unit": variable.unit,
+                "start": variable.start,
+                "minimum": variable.minimum,
+                "maximum": variable.maximum,
+            }
+            for variable in inputs
+        ],
+        "outputs": [variable.name for variable in fmu.variables if not variable.is_input],
+        "notes": notes,
+    }
+
+    def show() -> None:
+        rows = []
+        for variable in inputs:
+            values = (variable.start, variable.minimum, variable.maximum)
+            rows.append(
+                (variable.name, *(_in_trade_units(value, variable.unit) for value in values))
+            )
+        print_table(f"{out}: inputs", ("input", "at the start", "minimum", "maximum"), rows)
+        n_outputs = len(fmu.variables) - len(inputs)
+        binary = f"a binary for {fmu.platform}" if fmu.platform else "no binary"
+        print_text(f"{plural(n_outputs, 'output')}, {binary}, and C sources")
+
+    print_result(result, as_json, show)
+
+
+def _in_trade_units(value: float | None, unit: str) -> str | None:
+    from swashtwin.pump import format_quantity
+
+    return None if value is None else format_quantity(value, unit, 4)
+
+
+def _twin_at_start(
+    source: str, fault: str | None, *, speed: str | None, pressure: str | None
+) -> "tuple[Twin, tuple[str, ...]]":
+    """Return the twin of a calibration or a pump at an operating point, and notes on it."""
+    from swashtwin.calibration import load_calibration
+    from swashtwin.foundation import InputError
+    from swashtwin.physics import Twin
+    from swashtwin.pump import OperatingCondition, load_pump
+
+    changes = {}
+    if speed is not None:
+        changes["speed"] = parse_quantity(speed, "rad/s", name="--speed")
+    if pressure is not None:
+        changes["discharge_pressure"] = parse_quantity(pressure, "Pa", name="--pressure")
+
+    if is_calibration(source):
+        calibration = load_calibration(Path(source))
+        twin = calibration.twin.at(calibration.twin.condition.replace(**changes))
+        if fault is not None:
+            twin = twin.with_fault(fault_from(fault))
+        return twin, (calibration.doubt,) if calibration.doubt else ()
+
+    pump = load_pump(source)
+    if pump.rated is not None:
+        changes = {
+            "speed": pump.rated.speed,
+            "discharge_pressure": pump.rated.discharge_pressure,
+            **changes,
+        }
+    elif len(changes) < 2:
+        raise InputError(
+            f"{pump.name} has no rated operating point to start from. Specify --speed and "
+            "--pressure."
+        )
+    return Twin(pump, OperatingCondition(**changes), fault_from(fault or "normal")), ()
+
+
+def _recess_notes(twin: "Twin", fault: str | None) -> tuple[str, ...]:
+    """Return how a twin leaves the range of its model, and the contact law that was selected."""
+    from swashtwin.pump import SwashPlateDefect
+
+    notes = twin.notes()
+    if isinstance(twin.fault, SwashPlateDefect) and fault is not None and "contact" not in fault:
+        law = (
+            f"the contact law of the recess is contact={twin.fault.contact}, which suits its depth "
+            f"of {twin.fault.depth * 1e3:.3g} mm."
+        )
+        return (law, *notes)
+    return notes
 
 
 def synthesize(

@@ -20,6 +20,9 @@ from .fault_forcing import no_action as no_action
 from .fault_forcing import turning_terms as turning_terms
 from .fault_forcing import worn_values as worn_values
 from .films import film_factors as film_factors
+from .fmu.export import FMU as FMU
+from .fmu.export import export_fmu as export_fmu
+from .fmu.model_description import Variable as Variable
 from .loads import ChamberPressures as ChamberPressures
 from .loads import LoadCase as LoadCase
 from .loads import chamber_pressures as chamber_pressures

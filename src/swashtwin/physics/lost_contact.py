@@ -166,7 +166,7 @@ class LooseMotion:
     """Pressure less that of a tight joint [Pa]."""
 
 
-def _damping_ratio(restitution: float) -> float:
+def stop_damping_ratio(restitution: float) -> float:
     """Return the damping ratio of a stop that returns `restitution` of a speed.
 
     The stop is a damped spring that only pushes: it returns exp(-2 x / tan x), with ratio cos x.
@@ -283,7 +283,7 @@ def _march(
 
     # A half period of mass and stop lasts a pulse.
     stop = mass * (math.pi / fault.pulse) ** 2
-    damper = 2 * _damping_ratio(fault.restitution) * math.sqrt(stop * mass)
+    damper = 2 * stop_damping_ratio(fault.restitution) * math.sqrt(stop * mass)
 
     pressed = area * (condition.discharge_pressure - condition.case_pressure) / stop
     start = np.array([-pressed, 0.0, condition.discharge_pressure])
@@ -436,7 +436,7 @@ def loose_slipper_lines(
     # An acceleration is the difference of two steps, and belongs to the angle between them.
     half_step = math.pi / steps
     inertia = pump.masses.piston_slipper * motion.extra_acceleration
-    inertia_loads = _on_slipper(pump, inertia, motion.angle + half_step)
+    inertia_loads = loads_on_slipper(pump, inertia, motion.angle + half_step)
     lines = _lines(inertia_loads, motion.angle[0] + half_step, n_lines)
 
     pressing = group.piston_area * motion.extra_pressure
@@ -452,7 +452,7 @@ def loose_slipper_lines(
     return lines
 
 
-def _on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def loads_on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Return the loads of an axial `force` on one slipper toward the swash plate.
 
     The slipper's side load in the bore is included.

@@ -156,7 +156,7 @@ def measure_again(
     """Check how often a restarted watch measures the severity, although it looks twice."""
     requests = []
 
-    def measure_severity(question: SeverityRequest) -> dict[str, Any]:
+    def measure_severity(question: SeverityRequest, *_: object) -> dict[str, Any]:
         requests.append(question)
         return {"label": question.label, "sentence": sentence, "notes": [], **answer}
 
@@ -183,7 +183,7 @@ def test_a_severity_is_measured_anew_as_the_fault_grows(
     def record_at(minute: float, severity: float | None, gain: float = 6.0) -> None:
         """Judge a recording; the twin measures this severity, or fails without one."""
 
-        def measure_severity(request: SeverityRequest) -> dict[str, Any]:
+        def measure_severity(request: SeverityRequest, *_: object) -> dict[str, Any]:
             measured_values.append(severity)
             answer = {"label": request.label, "notes": [], "sentence": "Severity is not measured."}
             if severity is not None:

@@ -4,13 +4,14 @@ That takes minutes, and memory that would not be returned to the system.
 """
 
 import logging
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swashtwin.foundation import DataError, SwashTwinError, run_in_child
+from swashtwin.foundation import ChildProcess, DataError, SwashTwinError
 from swashtwin.monitoring.alarms.operating_point import OperatingPoint
 from swashtwin.monitoring.alarms.suspect import describe_class
 from swashtwin.monitoring.config.settings import Machine
@@ -114,17 +115,27 @@ class SeverityRequest:
         return recording.replace(label=label, specimen=self.machine.name)
 
 
-def measure_severity(request: SeverityRequest) -> dict[str, Any]:
+def measure_severity(
+    request: SeverityRequest, child: ChildProcess, stop: threading.Event
+) -> dict[str, Any]:
     """Return the result of `SeverityRequest.measure`, run in another process, with the class.
 
     If there is no result, a ``sentence`` states the reason.
+
+    Parameters
+    ----------
+    child : process that measures.
+    stop : is set before the process is ended on purpose, which is then no error.
     """
     try:
-        severity = run_in_child(SeverityRequest.measure, request, timeout_s=MEASURE_TIMEOUT_S)
+        severity = child.call(SeverityRequest.measure, request, timeout_s=MEASURE_TIMEOUT_S)
     except SwashTwinError as cause:
         severity = _unmeasured(str(cause))
     except Exception as cause:  # a severity is no reason to end the watch
-        _log.warning("%s: the severity could not be measured", request.machine.name, exc_info=cause)
+        if not stop.is_set():
+            _log.warning(
+                "%s: the severity could not be measured", request.machine.name, exc_info=cause
+            )
         severity = _unmeasured(
             f"an internal error ({type(cause).__name__}); see the log of the watch."
         )

@@ -65,6 +65,8 @@ class Watch:
         self._counters = {"judged": 0.0, "rejected": 0.0, "failures": 0.0, "seconds_judging": 0.0}
         self._model_problems: list[str] = []
         self._pipeline: Pipeline | None = None
+        self._measurer: SeverityMeasurer | None = None
+        self._measuring: threading.Thread | None = None
         self._announced_keys: set[str] = set()
         """Recordings that wait for tags and were reported to `progress`."""
         self._history_problem: str | None = None
@@ -107,6 +109,7 @@ class Watch:
                 self._stop.set()
                 for thread in threads:
                     thread.join(STOP_TIMEOUT_S)
+                self._end_measuring()
 
     def _start_threads(self) -> list[threading.Thread]:
         tasks: dict[str, Callable[[], None]] = {
@@ -141,11 +144,10 @@ class Watch:
 
         # Alarms are reported before their severities are measured, which may take minutes.
         self._sender.send_all()
-        measurer = self._open_measurer()
-        measuring = threading.Thread(target=_measure_severities, args=(measurer, stop), daemon=True)
-        measuring.start()
+        measuring = self._start_measuring(partial(_measure_severities, stop=stop))
         while measuring.is_alive() and not stop.is_set():
             measuring.join(POLL_INTERVAL_S)
+        self._end_measuring()
         self._sender.send_all()
 
         self._sweep()
@@ -222,16 +224,31 @@ class Watch:
     def _judge_all(self) -> None:
         pipeline = self._open_pipeline()
         if any(machine.calibration is not None for machine in self.config.machines):
-            # Nothing waits for this thread, not even the end of the watch.
-            threading.Thread(
-                target=self._measure_repeatedly,
-                args=(self._open_measurer(),),
-                name="severity",
-                daemon=True,
-            ).start()
+            self._start_measuring(self._measure_repeatedly)
 
         while not self._stop.is_set():
             self._judge_next(pipeline, self._stop)
+
+    def _start_measuring(self, measure: "Callable[[SeverityMeasurer], object]") -> threading.Thread:
+        """Start a thread that measures severities; no recording waits for it."""
+        from swashtwin.monitoring.service.severities import SeverityMeasurer
+
+        measurer = SeverityMeasurer(self.config, self.history)
+        thread = threading.Thread(target=measure, args=(measurer,), name="severity", daemon=True)
+        self._measurer = measurer
+        self._measuring = thread
+        thread.start()
+        return thread
+
+    def _end_measuring(self) -> None:
+        """End a measurement, which would take minutes, before the history is closed.
+
+        It is measured after the next start.
+        """
+        if self._measurer is None or self._measuring is None:
+            return
+        self._measurer.end()
+        self._measuring.join(STOP_TIMEOUT_S)
 
     def _measure_repeatedly(self, measurer: "SeverityMeasurer") -> None:
         """Measure severities after new recordings."""
@@ -256,11 +273,6 @@ class Watch:
         self._model_problems = pipeline.load_models()
         self._pipeline = pipeline
         return pipeline
-
-    def _open_measurer(self) -> "SeverityMeasurer":
-        from swashtwin.monitoring.service.severities import SeverityMeasurer
-
-        return SeverityMeasurer(self.config, self.history)
 
     def _judge_next(self, pipeline: "Pipeline", stop: threading.Event) -> None:
         """Judge the recording that has waited longest, until the history has it."""

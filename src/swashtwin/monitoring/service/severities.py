@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+from swashtwin.foundation import ChildProcess
 from swashtwin.monitoring.alarms.suspect_severity import SeverityRequest, measure_severity
 from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.history import History
@@ -36,6 +37,7 @@ class SeverityMeasurer:
         self._config = config
         self._history = history
         self._poster = AlarmPoster(config)
+        self._child = ChildProcess()
         self._tried_recordings: dict[int, int] = {}
         """Recording that this process tried to measure last, by alarm. A failure is not tried again
         on the same recording before a restart, since it would most likely fail again.
@@ -52,6 +54,17 @@ class SeverityMeasurer:
         HistoryError
             The database cannot be reached.
         """
+        try:
+            self._measure_alarms(stop)
+        finally:
+            # A measurement leaves hundreds of megabytes in its process.
+            self._child.stop()
+
+    def end(self) -> None:
+        """End a measurement that is running; `stop` of `measure_all` must be set before."""
+        self._child.stop()
+
+    def _measure_alarms(self, stop: threading.Event) -> None:
         for alarm in self._history.reader.alarms(limit=N_NEWEST_ALARMS):
             machine = self._config.machine(alarm.machine)
             if machine is None or machine.calibration is None or not self._needs_severity(alarm):
@@ -60,9 +73,10 @@ class SeverityMeasurer:
             suspect = alarm.evidence["suspect"]
             judgment = self._history.reader.recording(suspect["recording"])
             assert judgment is not None
-            severity = measure_severity(self._request(machine, alarm, judgment))
+            request = self._request(machine, alarm, judgment)
+            severity = measure_severity(request, self._child, stop)
 
-            # The stop may have ended the measuring process too, and an error is no severity.
+            # The stop ended the measuring process, and an error is no severity.
             if stop.is_set():
                 return
             severity["certainty"] = suspect["certainty"]

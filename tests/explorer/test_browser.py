@@ -244,6 +244,59 @@ def test_two_classes_are_mirrored_and_heard_in_turns_near_a_line(tab) -> None:
     assert tab.get_by_text("Only near").count() == 0
 
 
+@pytest.fixture
+def tab_of_known_difference(browser, tmp_path: Path) -> Iterator[object]:
+    """A tab on one noise as four recordings, whose levels and scatter are known.
+
+    Three healthy ones lie 0, +2 and -1 dB from it. In the worn one, twice the amplitude (6.02 dB)
+    stands between 500 and 600 Hz.
+    """
+    rate = 12_800
+    noise = np.random.default_rng(0).normal(0, 0.3, 8 * rate)
+    lines = np.fft.rfft(noise)
+    frequency = np.fft.rfftfreq(noise.size, 1 / rate)
+    lines[(frequency >= 500) & (frequency < 600)] *= 2
+    signals = {
+        "worn": np.fft.irfft(lines, noise.size),
+        "normal-1": noise,
+        "normal-2": 10 ** (2 / 20) * noise,
+        "normal-3": 10 ** (-1 / 20) * noise,
+    }
+    for name, signal in signals.items():
+        recording = Recording(signal[None], float(rate), name, label=name.split("-")[0])
+        write_recording(recording, tmp_path / f"{name}.h5")
+
+    port = free_port()
+    explorer = build_explorer(Workspace(tmp_path), address_token=ADDRESS_TOKEN)
+    with serving_page(explorer, "127.0.0.1", port):
+        yield from tabs(browser, f"http://127.0.0.1:{port}")
+
+
+def test_a_difference_and_its_scatter_are_those_computed_by_hand(tab_of_known_difference) -> None:
+    tab = tab_of_known_difference
+    enter(tab, "#compare")
+
+    tab.get_by_role("button", name="Copy as CSV: B − A").click()
+    tab.get_by_text("copied as CSV").wait_for()
+    header, *rows = tab.evaluate("navigator.clipboard.readText()").splitlines()
+
+    assert header == '"Hz","B − A [dB]","lowest healthy [dB]","highest healthy [dB]"'
+    frequency, change, lowest, highest = np.array([row.split(",") for row in rows], float).T
+    # the median of the healthy ones is the noise itself
+    assert lowest == pytest.approx(-1, abs=1e-3)
+    assert highest == pytest.approx(2, abs=1e-3)
+    # bands of 5 Hz; a taper blurs the two edges
+    is_raised = (frequency > 505) & (frequency < 595)
+    is_edge = (np.abs(frequency - 500) < 5) | (np.abs(frequency - 600) < 5)
+    assert is_raised.sum() == 18
+    assert change[is_raised] == pytest.approx(20 * np.log10(2), abs=1e-2)
+    assert change[~is_raised & ~is_edge] == pytest.approx(0, abs=1e-2)
+    # 20 of 600 bands
+    tab.get_by_text("3 % of the bands up to 3000 Hz lie outside the scatter.").wait_for()
+    tab.get_by_text("Farthest outside: +6.0 dB").wait_for()
+    tab.get_by_text("deviation from the median of 3 healthy recordings").wait_for()
+
+
 def test_a_slider_of_the_twin_changes_its_misfit(tab) -> None:
     enter(tab, "#twin")
     misfit = tab.locator("text=spectrum value error")

@@ -725,14 +725,16 @@ export class Chart {
     );
   }
 
-  /** Return the values that are shown as CSV. */
+  /** Return the values that are shown as CSV, with the limits of areas that have a name. */
   csv() {
     const [low, high] = this.view;
     const points = this.series[0]?.columns(low, high, CSV_ROWS) ?? [];
-    const headers = [this.x, ...this.series.map((line) => `${line.name} [${this.unit}]`)];
+    const limits = this.areas.flatMap((area) => [area.low, area.high]);
+    const lines = [...this.series, ...limits.filter((line) => line.name)];
+    const headers = [this.x, ...lines.map((line) => `${line.name} [${this.unit}]`)];
     const rows = [headers.map(quoteCsv).join(",")];
     for (let n = 0; n < points.length; n += 3) {
-      const values = this.series.map((line) => line.at(points[n]));
+      const values = lines.map((line) => line.at(points[n]));
       rows.push([points[n], ...values].join(","));
     }
     return `${rows.join("\n")}\n`;

@@ -514,7 +514,11 @@ function drawZero(pen, { up, color, right }) {
 function drawDifference(difference, scatter, axis) {
   difference.name = "B − A";
   difference.ink = "ink";
-  if (scatter) scatter.low.ink = "soft";
+  if (scatter) {
+    scatter.low.ink = "soft";
+    scatter.low.name = "lowest healthy";
+    scatter.high.name = "highest healthy";
+  }
   const gray = scatter ? "; gray: scatter of healthy recordings" : "";
   return new Chart({
     ...axis,

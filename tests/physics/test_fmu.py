@@ -337,6 +337,39 @@ def test_a_pump_of_nine_pistons_beside_one_of_seven(fmpy: Any, worn: Twin, tmp_p
 
 
 @pytest.mark.nightly
+@pytest.mark.parametrize("seed", range(12))
+def test_random_pumps_have_the_lines_of_their_twins(seed: int, fmpy: Any, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    plate = read_nameplate(
+        displacement=f"{rng.uniform(10, 250):.3g} cm3/rev",
+        pistons=int(rng.integers(5, 12)),
+        speed=f"{rng.uniform(800, 3000):.0f} rpm",
+        pressure=f"{rng.uniform(60, 350):.0f} bar",
+        mass=None,
+    )
+    pump = load_pump(new_pump("random", like="25scy14-1b", nameplate=plate, folder=tmp_path))
+    assert pump.rated is not None
+    faults = [*RECESSES, *OTHERS]
+    fault = faults[rng.integers(len(faults))]
+    condition = OperatingCondition(
+        pump.rated.speed, pump.rated.discharge_pressure, oil_temperature=rng.uniform(290, 350)
+    )
+    at_start = Twin(pump, condition, fault, bandwidth=rng.uniform(4000, 12000))
+    fmu = export_fmu(at_start, tmp_path / "pump.fmu")
+
+    for _ in range(3):
+        elsewhere = at_start.at(
+            condition.replace(
+                speed=condition.speed * rng.uniform(0.3, 1.3),
+                discharge_pressure=condition.discharge_pressure * rng.uniform(0.2, 1.3),
+            )
+        )
+        if fault is not None:
+            elsewhere = elsewhere.with_fault(fault.scaled(rng.uniform(0.0, 2.0)))
+        require_equal_lines(fmpy, fmu, elsewhere)
+
+
+@pytest.mark.nightly
 def test_changed_inputs_take_effect_at_the_next_revolution(running: Any, worn: Twin) -> None:
     instance, references, _ = running
     line = [references["line.cover_z[7]"]]

@@ -49,11 +49,16 @@ def valve_plate_leakage(pump: Pump, film: float, viscosity: float) -> float:
 
     It is the chamber's share, one n-th of the circumference, of both lands.
     """
+    lands = valve_plate_lands(pump)
+    return film**3 / (12 * viscosity) * (2 * math.pi / pump.rotating_group.piston_count) * lands
+
+
+def valve_plate_lands(pump: Pump) -> float:
+    """Return the sum over both sealing lands of one over the logarithm of their radii's ratio."""
     plate = pump.valve_plate
     outer_ratio = plate.outer_land_outer_radius / plate.outer_land_inner_radius
     inner_ratio = plate.inner_land_outer_radius / plate.inner_land_inner_radius
-    lands = 1 / math.log(outer_ratio) + 1 / math.log(inner_ratio)
-    return film**3 / (12 * viscosity) * (2 * math.pi / pump.rotating_group.piston_count) * lands
+    return 1 / math.log(outer_ratio) + 1 / math.log(inner_ratio)
 
 
 def piston_leakage(pump: Pump, viscosity: float) -> float:

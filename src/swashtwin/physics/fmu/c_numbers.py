@@ -35,9 +35,8 @@ from swashtwin.physics.excitation import (
 from swashtwin.physics.fault_forcing import turning_terms
 from swashtwin.physics.films import (
     piston_leakage,
-    slipper_land_conductance,
     slipper_leakage,
-    valve_plate_leakage,
+    valve_plate_lands,
 )
 from swashtwin.physics.loads import CRACKING_SHARE, DEFAULT_STEPS, generalized_forces
 from swashtwin.physics.lost_contact import loads_on_slipper, stop_damping_ratio
@@ -86,7 +85,9 @@ LINE_HARMONICS = 5
 chamber pressures are accurate within 0.5 % (`loads.DEFAULT_STEPS`).
 """
 
-_UNIT_SEVERITY = 1e-3  # at which lines per unit of severity are computed
+# Severity at which lines per unit of severity are computed: a power of two, so that the division
+# does not round.
+_UNIT_SEVERITY = 2.0**-10
 
 
 @dataclass(frozen=True)
@@ -232,10 +233,10 @@ def _scalars(twin: Twin) -> dict[str, float | int]:
         "SPRING_PRELOAD": pump.coupling.spring_preload,
         "SLIPPER_FILM": group.slipper_film,
         "SLIPPER_LEAKAGE": slipper_leakage(pump, group.slipper_film, viscosity),
-        "SLIPPER_LAND_CONDUCTANCE": slipper_land_conductance(pump, 1.0, viscosity),
-        "SLIPPER_HOLE_ORIFICE": oil.discharge_coefficient * hole_area * math.sqrt(2 / oil.density),
+        "SLIPPER_LOG_RATIO": math.log(group.slipper_diameter / group.pocket_diameter),
+        "SLIPPER_HOLE_AREA": oil.discharge_coefficient * hole_area,
         "VALVE_PLATE_FILM": plate.film,
-        "VALVE_PLATE_LEAKAGE": valve_plate_leakage(pump, plate.film, viscosity),
+        "VALVE_PLATE_LANDS": valve_plate_lands(pump),
         "PISTON_LEAKAGE": piston_leakage(pump, viscosity),
         "ORIFICE": oil.discharge_coefficient * math.sqrt(2 / oil.density),
         "PORT_AREA": plate.port_area_ratio * group.piston_area,
@@ -249,6 +250,8 @@ def _scalars(twin: Twin) -> dict[str, float | int]:
         "GROOVE_FLANK": plate.groove_flank,
         "SUCTION_PRESSURE": condition.suction_pressure,
         "CASE_PRESSURE": condition.case_pressure,
+        "VISCOSITY": viscosity,
+        "OIL_DENSITY": oil.density,
         "BULK_MODULUS": oil.bulk_modulus,
         "OIL_SOFTNESS": 1 / oil.bulk_modulus,
         "FREE_AIR": oil.air_fraction * ATMOSPHERE,
@@ -300,8 +303,7 @@ def _fault_scalars(twin: Twin) -> dict[str, float | int]:
         "CONTACT_CUTOFF": CONTACT_CUTOFF,
     }
     if isinstance(fault, SwashPlateDefect):
-        unit_depth = replace(fault, depth=_UNIT_SEVERITY)
-        stage = stages(twin.pump, unit_depth)
+        stage = stages(twin.pump, replace(fault, depth=_UNIT_SEVERITY))
         numbers |= {
             "FAULT_DEPTH_SHARE": stage.depth / _UNIT_SEVERITY,
             "FAULT_RISE_ANGLE": stage.rise,

@@ -83,7 +83,13 @@ static double port_opening(double angle, double opens, double closes, double adv
     }
     double along = PITCH_RADIUS * limited(turned + GROOVE_ANGLE, 0, GROOVE_ANGLE);
     double depth = along * tan(GROOVE_SLOPE);
-    return fmax(kidney, groove_factor * depth * depth * tan(GROOVE_FLANK / 2));
+    return fmax(kidney, groove_factor * (depth * depth) * tan(GROOVE_FLANK / 2));
+}
+
+/* Return the conductance from one chamber across the valve plate's sealing lands. */
+static double valve_plate_leakage(double film)
+{
+    return pow(film, 3) / (12 * VISCOSITY) * (2 * PI / PISTONS) * VALVE_PLATE_LANDS;
 }
 
 /* Fill what holds for a chamber whose piston stands at a shaft angle [rad]. The leakage of a
@@ -93,7 +99,7 @@ void chamber_at(const OperatingPoint *point, bool with_fault, double angle, Cham
     double advance = 0.0;
     double groove_factor = 1.0;
     double scratch = 0.0;
-    double film_ratio = 1.0;
+    double film = VALVE_PLATE_FILM;
     if (with_fault && FAULT == GROOVE_EROSION) {
         advance = point->severity;
         groove_factor = FAULT_AREA_FACTOR;
@@ -103,7 +109,7 @@ void chamber_at(const OperatingPoint *point, bool with_fault, double angle, Cham
         scratch = point->severity * exp(-0.5 * from_bottom * from_bottom);
     }
     if (with_fault && FAULT == VALVE_PLATE_WEAR) {
-        film_ratio = (VALVE_PLATE_FILM + point->severity) / VALVE_PLATE_FILM;
+        film += point->severity;
     }
 
     double lift = PITCH_RADIUS * tan(SWASH_ANGLE);
@@ -114,8 +120,8 @@ void chamber_at(const OperatingPoint *point, bool with_fault, double angle, Cham
     chamber->suction = ORIFICE * suction;
     chamber->discharge = ORIFICE * discharge;
     chamber->volume = DEAD_VOLUME + PISTON_AREA * lift * stroke_share;
-    chamber->growth = PISTON_AREA * lift * sin(angle) * point->speed;
-    chamber->leakage = SLIPPER_LEAKAGE + VALVE_PLATE_LEAKAGE * pow(film_ratio, 3);
+    chamber->growth = PISTON_AREA * lift * sin(angle);
+    chamber->leakage = SLIPPER_LEAKAGE + valve_plate_leakage(film);
     chamber->piston_leakage = PISTON_LEAKAGE / (PISTON_GUIDE_LENGTH - lift * stroke_share);
 }
 
@@ -129,17 +135,18 @@ static void add_recess(const OperatingPoint *point, int steps, ChamberAngle *ove
         max_height = fmax(max_height, recess_height(point, 2 * PI * i / steps, &slope));
     }
 
+    /* A sharp-edged damping hole and the land of the lifted slipper are in series. */
     double film = SLIPPER_FILM + max_height;
-    double land = SLIPPER_LAND_CONDUCTANCE * film * film * film;
-    double hole = SLIPPER_HOLE_ORIFICE / sqrt(point->discharge_pressure);
+    double land = PI * pow(film, 3) / (6 * VISCOSITY * SLIPPER_LOG_RATIO);
+    double hole = SLIPPER_HOLE_AREA * sqrt(2 / (OIL_DENSITY * point->discharge_pressure));
     double added = fmax(0.0, hole * land / (hole + land) - SLIPPER_LEAKAGE);
-    double area = PISTON_AREA / cos(SWASH_ANGLE);
     for (int i = 0; i < steps; i++) {
         double slope;
         double height = recess_height(point, 2 * PI * i / steps, &slope);
-        over_angle[i].volume += area * height;
-        over_angle[i].growth += area * slope * point->speed;
-        over_angle[i].leakage += FAULT_LEAKAGE * added * height / max_height;
+        double slipper_leakage = SLIPPER_LEAKAGE + FAULT_LEAKAGE * added * height / max_height;
+        over_angle[i].volume += PISTON_AREA * height / cos(SWASH_ANGLE);
+        over_angle[i].growth += PISTON_AREA * slope / cos(SWASH_ANGLE);
+        over_angle[i].leakage = slipper_leakage + valve_plate_leakage(VALVE_PLATE_FILM);
     }
 }
 
@@ -214,8 +221,8 @@ static double newton(const ChamberStep *step, const OutletLine *outlet, double *
 }
 
 /* Integrate the pressures; return the step that failed, or 0. */
-static int march(const ChamberAngle *over_angle, const double *clearance_cubed,
-                 const double *added_leakage, double step_time, double discharge_pressure,
+static int march(const OperatingPoint *point, const ChamberAngle *over_angle,
+                 const double *clearance_cubed, const double *added_leakage, double step_time,
                  OutletLine *outlet, Pressures *pressures)
 {
     int steps = pressures->steps;
@@ -228,10 +235,10 @@ static int march(const ChamberAngle *over_angle, const double *clearance_cubed,
        The pump has rested before the start. */
     for (int j = 0; j < PISTONS; j++) {
         bool rising = sin(2 * PI * j / PISTONS) < -1e-9;
-        pressure[j] = rising ? discharge_pressure : SUCTION_PRESSURE;
+        pressure[j] = rising ? point->discharge_pressure : SUCTION_PRESSURE;
         earlier[j] = pressure[j];
     }
-    double line = discharge_pressure;
+    double line = point->discharge_pressure;
     double earlier_line = line;
 
     for (int index = 1; index <= REVOLUTIONS * steps; index++) {
@@ -253,7 +260,8 @@ static int march(const ChamberAngle *over_angle, const double *clearance_cubed,
             step[j].discharge = here->discharge;
             step[j].compliance = compliance;
             step[j].leakage = leakage;
-            step[j].constant = history + compliance * (leakage * CASE_PRESSURE - here->growth);
+            double growth = here->growth * point->speed; /* [m^3/s] */
+            step[j].constant = history + compliance * (leakage * CASE_PRESSURE - growth);
         }
 
         outlet->history = (4 * line - earlier_line) / 3;
@@ -313,8 +321,8 @@ bool solve_chambers(const OperatingPoint *point, bool with_fault, int min_steps,
     outlet.relief = DISPLACEMENT * shaft_frequency / RELIEF_OVERRIDE;
     outlet.cracking = point->discharge_pressure - CRACKING_SHARE * RELIEF_OVERRIDE;
     outlet.history = point->discharge_pressure;
-    int failed = march(over_angle, clearance_cubed, added_leakage, step_time,
-                       point->discharge_pressure, &outlet, pressures);
+    int failed = march(point, over_angle, clearance_cubed, added_leakage, step_time, &outlet,
+                       pressures);
     free(over_angle);
     if (failed) {
         snprintf(message, MESSAGE_SIZE,

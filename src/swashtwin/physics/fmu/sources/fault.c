@@ -13,7 +13,7 @@
 /* Return the depth [m] that a slipper reaches in the recess. */
 double recess_depth(const OperatingPoint *point)
 {
-    return FAULT_DEPTH_SHARE * point->severity;
+    return point->severity * FAULT_DEPTH_SHARE;
 }
 
 /* Return the displacement [m] of a slipper at a shaft angle, and fill its slope [m/rad]: entry,
@@ -31,12 +31,12 @@ double recess_height(const OperatingPoint *point, double angle, double *slope)
     double depth = recess_depth(point);
     if (FAULT_IS_HALF_SINE) {
         double phase = PI / 2 * inward;
-        *slope = depth * PI / 2 * cos(phase) * rate;
+        *slope = depth * (PI / 2 * cos(phase)) * rate;
         return depth * sin(phase);
     }
     double phase = PI * inward;
-    *slope = depth * PI / 2 * sin(phase) * rate;
-    return depth * (1 - cos(phase)) / 2;
+    *slope = depth * (PI / 2 * sin(phase)) * rate;
+    return depth * ((1 - cos(phase)) / 2);
 }
 
 /* Return the share of a recess that slippers follow at a frequency [Hz]. */

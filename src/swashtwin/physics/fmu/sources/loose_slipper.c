@@ -28,6 +28,7 @@
 
 typedef struct {
     ChamberAngle chamber;
+    double growth;       /* of the volume [m^3/s] */
     double leakage;      /* of all gaps [m^3/(s Pa)] */
     double outlet;       /* pressure of the outlet line [Pa] */
     double velocity;     /* of a tight joint [m/s] */
@@ -55,7 +56,7 @@ static double next_pressure(double step, double displaced, const LooseAngle *her
         double inward = orifice_flow(here->chamber.suction, SUCTION_PRESSURE - pressure, &falling);
         double outward = orifice_flow(here->chamber.discharge, pressure - here->outlet, &rising);
         double leak = here->leakage * (pressure - CASE_PRESSURE);
-        double flow = inward - outward - leak - here->chamber.growth + displaced;
+        double flow = inward - outward - leak - here->growth + displaced;
         double slope = 1 + compliance * (falling + rising + here->leakage);
         double change = (previous + compliance * flow - pressure) / slope;
 
@@ -144,6 +145,7 @@ static void fill_angles(const OperatingPoint *point, const Pressures *tight, int
         double angle = START_ANGLE + 2 * PI * i / steps;
         LooseAngle *here = over_angle + i;
         chamber_at(point, false, angle, &here->chamber);
+        here->growth = here->chamber.growth * point->speed;
         here->leakage = here->chamber.leakage + here->chamber.piston_leakage * clearance_cubed;
         here->outlet = interpolate_periodic(tight->line, 1, tight->steps, 2 * PI / tight->steps,
                                             angle - ahead);

@@ -99,7 +99,7 @@ typedef struct {
     double suction;        /* flow over the root of the pressure difference [m^3/(s Pa^0.5)] */
     double discharge;      /* the same through the discharge port */
     double volume;         /* [m^3] */
-    double growth;         /* of the volume [m^3/s] */
+    double growth;         /* of the volume over the shaft angle [m^3/rad] */
     double leakage;        /* to the case [m^3/(s Pa)] */
     double piston_leakage; /* along the piston over its clearance cubed [1/(s Pa)] */
 } ChamberAngle;

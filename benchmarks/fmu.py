@@ -1,12 +1,13 @@
-"""FMUs of two pumps against their twins: validation, lines, and speed.
+"""FMUs of three pumps against their twins: validation, lines, and speed.
 
     python benchmarks/fmu.py --out docs/figures/fmu.png
 
-A healthy pump of 7 pistons and one of 9 with a worn piston. FMPy validates and simulates both FMUs;
-their lines are compared with those of the twin, over four operating points each. Speed is measured
-by a program in C, because a tool in Python takes longer for a step than the FMU does: with constant
-inputs, and with a speed that rises all the time, so that each revolution needs another solution.
-Each FMU prints one line of JSON. Requires FMPy and a C compiler (``cc``).
+A healthy pump of 7 pistons, one of 9 with a worn piston, and one of 7 with a loose slipper, whose
+motion takes longest. FMPy validates and simulates the FMUs; their lines are compared with those of
+the twin, over four operating points each. Speed is measured by a program in C, because a tool in
+Python takes longer for a step than the FMU does: with constant inputs, and with a speed that rises
+all the time, so that each revolution needs another solution. Each FMU prints one line of JSON.
+Requires FMPy and a C compiler (``cc``).
 """
 
 import argparse
@@ -25,11 +26,18 @@ import numpy as np
 from fmpy.validation import validate_fmu
 
 import swashtwin.physics
-from swashtwin.foundation import MPa, rpm, um
+from swashtwin.foundation import MPa, mm, rpm, um
 from swashtwin.physics import FMU, Twin, export_fmu
 from swashtwin.physics.fmu.c_numbers import line_orders
 from swashtwin.plot.style import CALIBRATED, NOMINAL, create_panels, figure_style, label_log_axis
-from swashtwin.pump import OperatingCondition, PistonWear, load_pump, new_pump, read_nameplate
+from swashtwin.pump import (
+    LooseSlipper,
+    OperatingCondition,
+    PistonWear,
+    load_pump,
+    new_pump,
+    read_nameplate,
+)
 
 STEPS_PER_SECOND = 25600
 """Communication steps, at each of which the accelerations are read: a usual sample rate."""
@@ -47,10 +55,14 @@ def build_twins(folder: Path) -> dict[str, Twin]:
         displacement="45 cm3/rev", pistons=9, speed="1500 rpm", pressure="280 bar", mass=None
     )
     nine = load_pump(new_pump("nine", like="25scy14-1b", nameplate=plate, folder=folder))
+    seven = load_pump("25scy14-1b")
     return {
-        "7 pistons, healthy": Twin(load_pump("25scy14-1b"), OperatingCondition(rpm(860), MPa(15))),
+        "7 pistons, healthy": Twin(seven, OperatingCondition(rpm(860), MPa(15))),
         "9 pistons, one worn by 60 µm": Twin(
             nine, OperatingCondition(rpm(1500), MPa(28)), PistonWear(um(60))
+        ),
+        "7 pistons, one loose by 0.1 mm in its slipper": Twin(
+            seven, OperatingCondition(rpm(860), MPa(15)), LooseSlipper(mm(0.1))
         ),
     }
 
@@ -122,17 +134,21 @@ def measure_speed(fmu: FMU, twin: Twin, folder: Path) -> dict[str, float]:
 def draw(twins: dict[str, Twin], fmus: dict[str, FMU], out: Path) -> None:
     """Draw the lines of the first sensor of each pump, side by side."""
     with figure_style():
-        figure, panels = create_panels(len(twins), 1, 5.0)
+        figure, panels = create_panels(len(twins), 1, 2.5 * len(twins))
         for axes, (title, twin) in zip(panels[:, 0], twins.items(), strict=True):
             expected = twin_lines(twin)[0]
             found = simulated_lines(fmus[title], twin)[0]
             orders = np.arange(1, expected.size + 1)
             # what is below lies under any sensor's noise
-            shown = expected > 1e-6
+            is_drawn = expected > 1e-6
             axes.bar(
-                orders[shown] - 0.2, expected[shown], 0.4, color=CALIBRATED, label="twin in Python"
+                orders[is_drawn] - 0.2,
+                expected[is_drawn],
+                0.4,
+                color=CALIBRATED,
+                label="twin in Python",
             )
-            axes.bar(orders[shown] + 0.2, found[shown], 0.4, color=NOMINAL, label="FMU in C")
+            axes.bar(orders[is_drawn] + 0.2, found[is_drawn], 0.4, color=NOMINAL, label="FMU in C")
             axes.set_yscale("log")
             label_log_axis(axes.yaxis)
             axes.set_title(f"{title}: {twin.pump.channels[0]}", loc="left")

@@ -399,8 +399,17 @@ def test_a_machine_may_be_in_one_of_several_indexes(folder: Path) -> None:
 
 def test_recordings_of_the_library_are_not_scored(folder: Path) -> None:
     prior = PriorClassifier.load(folder / "prior.safetensors")
-    model, use = fit_with_library(prior, plant("D")[:4], measure_library(plant(), PUMP))
+    networks: list[tuple[int, int]] = []
 
+    def progress(count: int, total: int, activity: str) -> None:
+        if activity == "weighing the library":
+            networks.append((count, total))
+
+    library = measure_library(plant(), PUMP)
+    model, use = fit_with_library(prior, plant("D")[:4], library, progress=progress)
+
+    # the prior alone, and two weights with each of three machines held out
+    assert networks == [(count, 7) for count in range(1, 8)]
     assert use.weight > 0
     assert use.taught == {"piston": 9}
     assert not model.taught

@@ -173,3 +173,17 @@ def test_the_page_states_how_many_recordings_are_not_scored(
     page = (tmp_path / "page.html").read_text()
     assert "1 without a class" in page
     assert "without a class" not in page.partition("</title>")[0]
+
+
+def test_an_evaluation_reports_what_it_has_read_and_classified(
+    classifier: FaultClassifier,
+) -> None:
+    reported = []
+    evaluate_model(classifier, MIXED[:2], lambda *progress: reported.append(progress))
+
+    activities = dict.fromkeys(activity for _, _, activity in reported)
+    assert list(activities) == ["reading", "classifying windows"]
+    for count, total, activity in reported:
+        assert 0 < count <= total, activity
+    assert reported[1] == (2, 2, "reading")
+    assert reported[-1][0] == reported[-1][1]

@@ -414,10 +414,10 @@ class _Forecast:
         return sandwich_covariance(linearization, noise)[VALUE_SLICE, VALUE_SLICE]
 
     def _linearize(self, group: _RecordingGroup) -> Linearization:
-        """Return the group around the calibrated point, where it reads just what the calibrated
-        twin has.
+        """Return the group linearized about the calibrated values.
 
-        Lines and derivatives are computed once, since they do not depend on the noise.
+        Its measured lines are those of the calibrated twin. Lines and derivatives are computed
+        once, since they do not depend on the noise.
         """
         key = (group.condition, group.channels)
         if key not in self._linearizations:

@@ -64,7 +64,7 @@ class Method(StrEnum):
 @reads_files
 def calibrate(
     source: Source,
-    reading: Reading,
+    reading_options: Reading,
     pump: PumpName = "25scy14-1b",
     fault: FaultText = "normal",
     speed: Annotated[
@@ -147,7 +147,7 @@ def calibrate(
     drawing = load_pump(pump)
     defect = fault_from(fault)
     label = "normal" if defect is None else defect.label
-    if law is not None and not is_collection(source, reading):
+    if law is not None and not is_collection(source, reading_options):
         raise typer.BadParameter(
             "requires an index with healthy recordings and recordings of the fault.",
             param_hint="--law",
@@ -155,7 +155,7 @@ def calibrate(
     pressures = pressure or []
     candidates = _load_recordings(
         source,
-        reading,
+        reading_options,
         speed,
         pressures,
         assumed_label=label,
@@ -196,7 +196,7 @@ def calibrate(
 
 def _load_recordings(
     source: Path,
-    reading: Reading,
+    reading_options: Reading,
     speed: str | None,
     pressures: Sequence[str],
     *,
@@ -214,7 +214,7 @@ def _load_recordings(
     """
     from swashtwin.recordings import Recordings, load_recordings
 
-    if is_collection(source, reading):
+    if is_collection(source, reading_options):
         return load_recordings(source, label=selected_label, specimen=specimen)
 
     if speed is not None and pressures:
@@ -223,8 +223,8 @@ def _load_recordings(
                 f"allows one pressure, because {source} is one recording.",
                 param_hint="--pressure",
             )
-        reading = {**reading, "speed": speed, "pressure": pressures[0]}
-    (recording,) = load_sources([source], **reading)
+        reading_options = {**reading_options, "speed": speed, "pressure": pressures[0]}
+    (recording,) = load_sources([source], **reading_options)
     if recording.label is None:
         print_note(
             f"note: {source} is taken as a recording of the class {assumed_label}. Specify another "

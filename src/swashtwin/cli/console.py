@@ -273,8 +273,8 @@ class _Activity:
         """Return how long it takes, and how long it still takes; else how long it has taken."""
         estimate = self.estimate()
         if estimate is None:
-            return f"{format_duration(time.monotonic() - self.begun)} so far"
-        total, left = map(format_duration, estimate)
+            return f"{format_run_time(time.monotonic() - self.begun)} so far"
+        total, left = map(format_run_time, estimate)
         return f"about {left} of {total} left"
 
     def line(self) -> str:
@@ -283,12 +283,12 @@ class _Activity:
         return f"{self.description}: {counts}{self.remainder()}"
 
 
-def format_duration(seconds: float) -> str:
+def format_run_time(seconds: float) -> str:
     """Return a duration in a unit that suits its size.
 
     Examples
     --------
-    >>> format_duration(41.0), format_duration(200.0), format_duration(8000.0)
+    >>> format_run_time(41.0), format_run_time(200.0), format_run_time(8000.0)
     ('41 s', '3 min', '2 h 13 min')
     """
     if seconds < 100:
@@ -357,6 +357,8 @@ def _print_progress(activity: _Activity) -> Iterator[Callable[..., None]]:
         estimate = activity.estimate()
         is_long = estimate is not None and estimate[0] >= MIN_ESTIMATED_S
         is_due = time.monotonic() - printed_at >= PROGRESS_INTERVAL_S
+        # The first of many units has no estimate; the next one, soon after, has.
+        is_due = is_due and (estimate is not None or total <= MAX_LONG_UNITS)
         if is_due or (is_long and not activity.is_announced):
             activity.is_announced = is_long
             print_activity()

@@ -57,7 +57,7 @@ _HEADERS = {
 def diagnose(
     model: ModelFile,
     paths: Sources,
-    reading: Reading,
+    reading_options: Reading,
     error_rate: Annotated[
         float | None,
         typer.Option(
@@ -95,7 +95,7 @@ def diagnose(
 
     require_page(report, inputs=[model, *paths], force=force)
     trained = load_model(model)
-    facts = reading | without_none(specimen=specimen)
+    facts = reading_options | without_none(specimen=specimen)
     recordings = load_sources(paths, **facts)
     if healthy is not None:
         healthy_recordings = _load_healthy(healthy, facts, recordings)

@@ -74,8 +74,8 @@ def evaluate(
 
     require_page(report, inputs=[model, source], force=force)
     trained = load_model(model)
-    with progress("evaluating"):
-        evaluation = evaluate_model(trained, load_recordings(source))
+    with progress("evaluating") as bar:
+        evaluation = evaluate_model(trained, load_recordings(source), bar)
 
     scores = evaluation.scores
     confidence = evaluation.confidence
@@ -405,13 +405,13 @@ def adapt(
     use = None
     if libraries:
         joined = join_libraries([ChangeLibrary.load(path) for path in libraries])
-        with progress("weighing the library"):
+        with progress("measuring band powers") as bar:
             model, use = fit_with_library(
-                pump_prior, recordings, joined, pistons=pistons, fault_of=fault_of
+                pump_prior, recordings, joined, pistons=pistons, fault_of=fault_of, progress=bar
             )
     else:
-        with progress("measuring band powers"):
-            model = pump_prior.fit(recordings, pistons=pistons, fault_of=fault_of)
+        with progress("measuring band powers") as bar:
+            model = pump_prior.fit(recordings, pistons=pistons, fault_of=fault_of, progress=bar)
     model.save(out)
     result = {
         "model": out,

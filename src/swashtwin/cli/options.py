@@ -208,11 +208,13 @@ def spell_as_option(setting: str, value: str) -> str:
 
 
 Reading = dict[str, Any]
-"""What the options of `reads_files` specify, for ``load_recordings(path, **reading)``."""
+"""What the options of `reads_files` specify, for ``load_recordings(path, **reading_options)``."""
 
 
 def reads_files(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that specify how to read a file; the command gets them as ``reading``.
+    """Add the options that specify how to read a file.
+
+    The command gets them as ``reading_options``.
 
     If the command already has an option of the same name, that option stays.
     """
@@ -221,15 +223,15 @@ def reads_files(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def with_reading(**values: Any) -> None:
-        reading = without_none(**{name: values.pop(name, None) for name in added_names})
-        layout = _read_layout(reading.pop("read", ()))
-        command(**values, reading=reading | layout)
+        reading_options = without_none(**{name: values.pop(name, None) for name in added_names})
+        layout = _read_layout(reading_options.pop("read", ()))
+        command(**values, reading_options=reading_options | layout)
 
     # typer reads the options from the signature, so that it lists each one.
     keyword = inspect.Parameter.KEYWORD_ONLY
     parameters: list[inspect.Parameter] = []
     for name, parameter in signature.parameters.items():
-        if name != "reading":
+        if name != "reading_options":
             parameters.append(parameter.replace(kind=keyword))
             continue
         for added_name in added_names:

@@ -47,7 +47,7 @@ _SUFFICIENCY = {"yes": "enough", "partly": "partly enough", "no": "not enough"}
 @reads_files
 def index(
     folder: Annotated[Path, typer.Argument(help="Folder of measurements. It is only read.")],
-    reading: Reading,
+    reading_options: Reading,
     out: Annotated[
         Path | None, typer.Option(help="Index file. Default: recordings.toml in the folder.")
     ] = None,
@@ -101,7 +101,7 @@ def index(
             pressure_unit=pressure_unit,
             index_folder=path.parent,
             ask=_ask if is_interactive else None,
-            **reading,
+            **reading_options,
         )
     save_index(proposal.index, path)
 
@@ -140,7 +140,7 @@ def _ask(key: str, question: str) -> str | None:
 @reads_files
 def inspect(
     paths: Sources,
-    reading: Reading,
+    reading_options: Reading,
     as_json: Json = False,
 ) -> None:
     """Search recordings for defects. The exit code is 3 if a recording must not be used."""
@@ -148,7 +148,7 @@ def inspect(
 
     with progress("inspecting recordings") as bar:
         unreadable: list[Finding] = []
-        recordings = load_sources(paths, unreadable, **reading)
+        recordings = load_sources(paths, unreadable, **reading_options)
         report = inspect_recordings(recordings, unreadable=unreadable, progress=bar)
 
     has_index = any(is_collection(path, {}) for path in paths)
@@ -262,7 +262,7 @@ def _print_counts(result: "DataCheck") -> None:
 def convert(
     paths: Sources,
     out: Annotated[Path, typer.Option(help="Store to write, .h5. It appears when it is complete.")],
-    reading: Reading,
+    reading_options: Reading,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -270,7 +270,7 @@ def convert(
     from swashtwin.recordings import write_store
 
     require_output(out, inputs=paths, force=force)
-    recordings = load_sources(paths, **reading)
+    recordings = load_sources(paths, **reading_options)
     with progress("MB") as bar:
         write_store(recordings, out, progress=bar)
 

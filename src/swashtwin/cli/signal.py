@@ -139,7 +139,7 @@ class Shaft:
 @reads_files
 def features(
     source: Sources,
-    reading: Reading,
+    reading_options: Reading,
     out: Annotated[
         Path | None, typer.Option(help="CSV file to write, with all columns and their units.")
     ] = None,
@@ -160,7 +160,7 @@ def features(
 
     require_output(out, suffixes=[".csv"], inputs=source, marks=[_TABLE_MARK], force=force)
     shaft = Shaft(tachometer, track)
-    recordings = load_sources(source, **reading)
+    recordings = load_sources(source, **reading_options)
 
     # An interrupted run continues only if neither the settings nor the files have changed.
     stamps: list[tuple[str, FileStamp]] = []
@@ -171,7 +171,7 @@ def features(
         "pistons": pistons,
         "bands": band,
         "shaft": asdict(shaft),
-        "reading": reading,
+        "reading_options": reading_options,
         "sources": stamps,
     }
     indicators = _compute_indicators(recordings, pistons, band, shaft, out, settings)
@@ -212,7 +212,7 @@ def _print_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
 @reads_files
 def spectrum(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording to look at.")],
-    reading: Reading,
+    reading_options: Reading,
     kind: Annotated[SpectrumKind, typer.Option(help="Kind of spectrum.")] = SpectrumKind.amplitude,
     out: Annotated[
         Path | None,
@@ -246,7 +246,7 @@ def spectrum(
         )
     band_edges = None if band is None else band_from(band)
     shaft = Shaft(tachometer, track)
-    recordings = load_sources([file], **reading)
+    recordings = load_sources([file], **reading_options)
     if len(recordings) != 1:
         raise typer.BadParameter(
             f"{file} has {len(recordings)} recordings. Specify one file.", param_hint="FILE"

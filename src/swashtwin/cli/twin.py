@@ -385,10 +385,10 @@ def severity(
 ) -> None:
     """Estimate the severity of a fault in each recording of a pump, with an interval.
 
-    The severity (a depth or a clearance, in mm or um) is always estimated; a given one is where the
-    search starts. Of the further dimensions, those that are usually unknown are estimated unless
-    they are given. Calibrate with --band "0-1 kHz", the band in which severities are estimated, and
-    with phases, which is the default.
+    The severity (a depth or a clearance, in mm or um) is always estimated; a given one is the
+    starting value of the search. Of the further dimensions, those that are usually unknown are
+    estimated unless they are given. Calibrate with --band "0-1 kHz", the band in which severities
+    are estimated, and with phases, which is the default.
     """
     from swashtwin.calibration import (
         estimate_remaining_life,

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from swashtwin.diagnosis.progress import Progress, ignore_progress, iterate
 from swashtwin.diagnosis.recording_arguments import relabel_recordings, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, LeakError, data_frame, short_repr, to_table
@@ -71,6 +72,7 @@ def evaluate_alarms(
     X: Any,
     y: Any,
     error_rate: float | None,
+    progress: Progress = ignore_progress,
 ) -> AlarmScores:
     """Return alarms by class on measured recordings that had no part in a model.
 
@@ -82,6 +84,7 @@ def evaluate_alarms(
     manifest : recordings that had a part in the model.
     X, y : recordings, and their classes; None for their own labels.
     error_rate : specified false-alarm rate of the model.
+    progress : reports the diagnosed recordings.
 
     Raises
     ------
@@ -107,7 +110,8 @@ def evaluate_alarms(
     labels = [str(recording.label) for recording in labeled]
     healthy_label = next((label for label in labels if is_healthy(label)), "")
     by_class: dict[str, list[Diagnosis]] = {}
-    for recording, label in zip(labeled, labels, strict=True):
+    reported = iterate(labeled, progress, "diagnosing")
+    for recording, label in zip(reported, labels, strict=True):
         name = healthy_label if is_healthy(label) else label
         by_class.setdefault(name, []).append(diagnose(recording))
 

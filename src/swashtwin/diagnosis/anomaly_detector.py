@@ -12,6 +12,7 @@ from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
 from swashtwin.diagnosis.changed_bands import band_power_changes
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.healthy_spectrum import detector_spectrum
+from swashtwin.diagnosis.progress import Progress, ignore_progress
 from swashtwin.diagnosis.recording_arguments import require_layout, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import (
@@ -266,13 +267,15 @@ class AnomalyDetector(Estimator):
             spectrum=detector_spectrum(self.layout, deviation, healthy.members(recording)),
         )
 
-    def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
+    def evaluate(
+        self, X: Sequence[Recording], y: Any = None, progress: Progress = ignore_progress
+    ) -> AlarmScores:
         """Return false alarms, and alarms of each fault, on recordings not used in training.
 
         Parameters and errors: see `evaluate_alarms`.
         """
         self._require_fitted()
-        return evaluate_alarms(self.diagnose, self.manifest, X, y, self.error_rate_)
+        return evaluate_alarms(self.diagnose, self.manifest, X, y, self.error_rate_, progress)
 
     def save(self, path: Path | str) -> Path:
         """Write the detector to `path` as a complete file and return the path."""

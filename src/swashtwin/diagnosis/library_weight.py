@@ -26,6 +26,7 @@ from swashtwin.diagnosis.prior_head import (
     join_measured,
     machine_scatter,
 )
+from swashtwin.diagnosis.progress import Progress, ignore_progress
 from swashtwin.foundation import plural
 from swashtwin.recordings import Manifest, Recording, find_copies, join_manifests
 
@@ -109,13 +110,14 @@ def fit_with_library(
     pistons: int | None = None,
     fault_of: Mapping[str, str] | None = None,
     seed: int = 0,
+    progress: Progress = ignore_progress,
 ) -> tuple[PriorClassifier, LibraryUse]:
     """Adapt a prior to a machine with the help of other machines' measured faults.
 
     Parameters and errors: see `PriorClassifier.fit`.
     """
-    machine, changes, fault_classes = prior.compare_with(recordings, pistons, fault_of)
-    use = weigh_library(machine, library, seed=seed)
+    machine, changes, fault_classes = prior.compare_with(recordings, pistons, fault_of, progress)
+    use = weigh_library(machine, library, seed=seed, progress=progress)
     model = machine.fit_band_powers(changes, fault_classes, library=use.changes, seed=seed)
     return add_provenance(model, use), use
 
@@ -125,12 +127,19 @@ def add_provenance(model: PriorClassifier, use: LibraryUse) -> PriorClassifier:
     return replace(model, manifest=join_manifests([model.manifest, use.manifest]))
 
 
-def weigh_library(machine: PriorClassifier, library: ChangeLibrary, *, seed: int = 0) -> LibraryUse:
+def weigh_library(
+    machine: PriorClassifier,
+    library: ChangeLibrary,
+    *,
+    seed: int = 0,
+    progress: Progress = ignore_progress,
+) -> LibraryUse:
     """Return what the classifier of a machine should learn from a library.
 
     Parameters
     ----------
     machine : prior that holds the machine's healthy recordings (`PriorClassifier.compare_with`).
+    progress : reports the trained networks.
     """
     usable, notes = _select_usable(machine, library)
     alike = _select_alike(machine, usable)
@@ -145,7 +154,7 @@ def weigh_library(machine: PriorClassifier, library: ChangeLibrary, *, seed: int
     is_measured = np.isfinite(machine.band_powers).all(axis=0)
     virtual = machine.virtual.keep_measured(is_measured)
     parts = [_changes_of(pump, machine, virtual) for pump in alike]
-    trial = _Trial(machine, virtual, tuple(parts), seed)
+    trial = _Trial(machine, virtual, tuple(parts), seed, progress)
 
     alone = trial.answer(0.0)
     exchange_gain, exchange_error = _exchange_gain(parts, alone)
@@ -297,16 +306,22 @@ class _Trial:
     virtual: VirtualChanges
     parts: tuple[MeasuredChanges, ...]
     seed: int
+    progress: Progress
 
     def answer(self, weight: float) -> list[Float64[np.ndarray, "row class"]]:
         """Return the probabilities for each machine by a network that was trained without it."""
         n_parts = len(self.parts)
-        n_folds = min(_MAX_FOLDS, n_parts) if weight else 1
+        max_folds = min(_MAX_FOLDS, n_parts)
+        n_folds = max_folds if weight else 1
+        # The prior alone is the first network; then the weights are tried in their order.
+        n_trained = 1 + WEIGHTS.index(weight) * max_folds if weight else 0
         fold_of = np.arange(n_parts) % n_folds
         answers: list[Float64[np.ndarray, "row class"]] = [np.empty(0)] * n_parts
         for fold in range(n_folds):
             taught = [self.parts[i] for i in np.flatnonzero(fold_of != fold)]
             head = self._train(taught, weight)
+            n_networks = 1 + len(WEIGHTS) * max_folds
+            self.progress(n_trained + fold + 1, n_networks, "weighing the library")
             for i in np.flatnonzero(fold_of == fold):
                 part = self.parts[i]
                 answers[i] = head.answer_machine(part.change, part.scatter[0])

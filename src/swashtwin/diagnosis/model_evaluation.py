@@ -1,9 +1,12 @@
 """Evaluation of a saved model on recordings, of which each that is not scored has a reason."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
+
+import numpy as np
+from jaxtyping import Float
 
 # Through the room, whose door imports a scoring function only when it is called.
 import swashtwin.learning as learning
@@ -11,9 +14,16 @@ from swashtwin.diagnosis.alarm_scores import AlarmScores
 from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
 from swashtwin.diagnosis.fault_classifier import FaultClassifier
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
+from swashtwin.diagnosis.progress import Progress, ignore_progress, iterate
 from swashtwin.diagnosis.recording_arguments import require_layout
 from swashtwin.foundation import DataError, InputError, to_table
-from swashtwin.learning import ConfidenceScores, Scores, WindowLayout, WindowSet
+from swashtwin.learning import (
+    ConfidenceScores,
+    FittedClassifier,
+    Scores,
+    WindowLayout,
+    WindowSet,
+)
 from swashtwin.recordings import Recording, build_manifest, find_copies
 
 # What follows the number of excluded recordings in a sentence, by reason.
@@ -62,16 +72,23 @@ class Evaluation:
 
 
 def evaluate_model(
-    model: FaultClassifier | AnomalyDetector | PriorClassifier, recordings: Sequence[Recording]
+    model: FaultClassifier | AnomalyDetector | PriorClassifier,
+    recordings: Sequence[Recording],
+    progress: Progress = ignore_progress,
 ) -> Evaluation:
     """Return the scores of a model on those of some recordings that it can be scored on.
+
+    Parameters
+    ----------
+    progress : reports the read recordings, and then the classified windows or the diagnosed
+        recordings.
 
     Raises
     ------
     DataError
         No recording is left to score.
     """
-    candidates, exclusions = _partition_by_facts(model, recordings)
+    candidates, exclusions = _partition_by_facts(model, recordings, progress)
     unusable: dict[str, str] = {}
     windows: WindowSet | None = None
     if not isinstance(model, PriorClassifier):
@@ -86,23 +103,56 @@ def evaluate_model(
         raise DataError(_describe_nothing_to_score(excluded))
 
     if not isinstance(model, FaultClassifier):
-        return Evaluation(model.evaluate(candidates), None, tuple(candidates), excluded)
+        alarms = model.evaluate(candidates, progress=progress)
+        return Evaluation(alarms, None, tuple(candidates), excluded)
 
     assert windows is not None
-    reference = model.fitted_.training_reference
+    classifier = _ReportingClassifier.of(model.fitted_, progress)
+    reference = classifier.training_reference
     split = None if reference is None else learning.split_between(reference, candidates)
+    scores = learning.evaluate(classifier, windows, split=split)
     confidence = None
-    if model.fitted_.confidence is not None:
-        confidence = learning.score_confidence(model.fitted_, windows)
-    return Evaluation(model.evaluate(windows, split=split), confidence, tuple(candidates), excluded)
+    if classifier.confidence is not None:
+        confidence = learning.score_confidence(classifier, windows)
+    return Evaluation(scores, confidence, tuple(candidates), excluded)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _ReportingClassifier(FittedClassifier):
+    """A classifier that reports how many windows it has classified."""
+
+    progress: Progress
+
+    @classmethod
+    def of(cls, classifier: FittedClassifier, progress: Progress) -> "_ReportingClassifier":
+        """Return a classifier that reports to `progress`."""
+        state = {field.name: getattr(classifier, field.name) for field in fields(classifier)}
+        return cls(**state, progress=progress)
+
+    def _map_blocks(
+        self, windows: WindowSet, function: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    ) -> Float[np.ndarray, "window value"]:
+        n_finished = 0
+
+        def report_block(samples: np.ndarray, turns: np.ndarray) -> np.ndarray:
+            nonlocal n_finished
+            values = function(samples, turns)
+            n_finished += len(samples)
+            self.progress(n_finished, len(windows), "classifying windows")
+            return values
+
+        return super()._map_blocks(windows, report_block)
 
 
 def _partition_by_facts(
-    model: FaultClassifier | AnomalyDetector | PriorClassifier, recordings: Sequence[Recording]
+    model: FaultClassifier | AnomalyDetector | PriorClassifier,
+    recordings: Sequence[Recording],
+    progress: Progress,
 ) -> tuple[list[Recording], list[Exclusion]]:
     """Return the recordings to score by their facts alone, and the others by reason."""
     measured = [recording for recording in recordings if not recording.synthetic]
-    in_training = find_copies(model.manifest, build_manifest(measured))
+    manifest = build_manifest(iterate(measured, progress, "reading"))
+    in_training = find_copies(model.manifest, manifest)
     synthetic: dict[str, str] = {}
     without_class: dict[str, str] = {}
     of_untrained_class: dict[str, str] = {}

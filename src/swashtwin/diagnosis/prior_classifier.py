@@ -31,6 +31,7 @@ from swashtwin.diagnosis.prior_head import (
     machine_scatter,
     order_band_powers,
 )
+from swashtwin.diagnosis.progress import Progress, ignore_progress, iterate
 from swashtwin.diagnosis.recording_arguments import (
     relabel_recordings,
     require_recording,
@@ -182,6 +183,7 @@ class PriorClassifier:
         pistons: int | None = None,
         fault_of: Mapping[str, str] | None = None,
         seed: int = 0,
+        progress: Progress = ignore_progress,
     ) -> "PriorClassifier":
         """Adapt the prior to machines and return their classifier.
 
@@ -196,6 +198,7 @@ class PriorClassifier:
         pistons : piston count of a machine of another design. Then only virtual pumps that were
             drawn at random are used, and any speed and pressure is accepted.
         fault_of : class that a label stands for, such as ``{"Verschleiß": "piston"}``.
+        progress : reports the read recordings, and then the measured ones.
 
         Raises
         ------
@@ -205,7 +208,7 @@ class PriorClassifier:
             at another speed than the healthy recordings, a recording cannot be used, or the
             classifier is adapted already.
         """
-        prior, changes, fault_classes = self.compare_with(recordings, pistons, fault_of)
+        prior, changes, fault_classes = self.compare_with(recordings, pistons, fault_of, progress)
         return prior.fit_band_powers(changes, fault_classes, seed=seed)
 
     def compare_with(
@@ -213,6 +216,7 @@ class PriorClassifier:
         recordings: Sequence[Recording],
         pistons: int | None = None,
         fault_of: Mapping[str, str] | None = None,
+        progress: Progress = ignore_progress,
     ) -> "tuple[PriorClassifier, list[Float64[np.ndarray, 'channel level']], list[str]]":
         """Return the prior with a machine's healthy recordings, and its changes by faults.
 
@@ -246,15 +250,16 @@ class PriorClassifier:
                 )
             fault_classes.append(fault_class)
 
+        manifest = build_manifest(iterate(recordings, progress, "reading"))
         adapted = replace(
             prior,
-            **prior._reference_fields(healthy),
+            **prior._reference_fields(healthy, progress),
             taught={
                 name: fault_classes.count(name) for name in self.classes if name in fault_classes
             },
-            manifest=join_manifests([self.manifest, build_manifest(recordings)]),
+            manifest=join_manifests([self.manifest, manifest]),
         )
-        return adapted, adapted.fault_changes(faulty), fault_classes
+        return adapted, adapted.fault_changes(faulty, progress), fault_classes
 
     def for_machine(
         self, channels: tuple[str, ...], unit: str, pistons: int | None = None
@@ -352,9 +357,12 @@ class PriorClassifier:
         manifest = join_manifests([self.manifest, build_manifest(healthy)])
         return replace(self, **arrays, specimen=specimen, manifest=manifest)
 
-    def _reference_fields(self, healthy: Sequence[Recording]) -> dict[str, Any]:
+    def _reference_fields(
+        self, healthy: Sequence[Recording], progress: Progress = ignore_progress
+    ) -> dict[str, Any]:
         """Return the fields that healthy recordings give: band powers, machines, conditions."""
-        band_powers = np.array([order_band_powers(recording, self.bands) for recording in healthy])
+        reported = iterate(healthy, progress, "measuring healthy band powers")
+        band_powers = np.array([order_band_powers(recording, self.bands) for recording in reported])
         shaft_frequencies = np.array([require_shaft_frequency(recording) for recording in healthy])
         return {
             "band_powers": band_powers.reshape(-1, len(self.channels), len(self.bands.names)),
@@ -385,7 +393,7 @@ class PriorClassifier:
         return comparison.change, notes
 
     def fault_changes(
-        self, recordings: Sequence[Recording]
+        self, recordings: Sequence[Recording], progress: Progress = ignore_progress
     ) -> list[Float64[np.ndarray, "channel level"]]:
         """Return the change of each recording of a fault, as an example to learn from.
 
@@ -396,7 +404,8 @@ class PriorClassifier:
             another speed: the change of speed would be learned as the fault.
         """
         self._require_same_speed(recordings)
-        return [self.change(recording)[0] for recording in recordings]
+        reported = iterate(recordings, progress, "measuring band powers of faults")
+        return [self.change(recording)[0] for recording in reported]
 
     def _require_same_speed(self, recordings: Sequence[Recording]) -> None:
         """Raise a `DataError` if recordings can only be compared with ones at another speed."""
@@ -539,7 +548,9 @@ class PriorClassifier:
             )
         return ()
 
-    def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
+    def evaluate(
+        self, X: Sequence[Recording], y: Any = None, progress: Progress = ignore_progress
+    ) -> AlarmScores:
         """Return false alarms, alarms and recognized faults on recordings not used in training.
 
         Parameters and errors: see `evaluate_alarms`.
@@ -549,7 +560,7 @@ class PriorClassifier:
             recording.label and (self.class_of(recording.label) or recording.label)
             for recording in recordings
         ]
-        return evaluate_alarms(self.diagnose, self.manifest, recordings, labels, None)
+        return evaluate_alarms(self.diagnose, self.manifest, recordings, labels, None, progress)
 
     def _require_adapted(self) -> PriorHead:
         if self.head is None:

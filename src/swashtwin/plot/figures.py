@@ -62,11 +62,13 @@ def confusion(
 
     positions = _arrange_matrices(list(matrices))
     n_lines = 1 + max(line for line, _ in positions.values())
-    n_places = 1 + max(place for _, place in positions.values())
-    titles = _wrap_titles(list(matrices), n_places)
+    n_panel_columns = 1 + max(column for _, column in positions.values())
+    titles = _wrap_titles(list(matrices), n_panel_columns)
     title_lines = max(title.count("\n") for title in titles.values())
-    height = 1.1 + (2.5 if n_places > 2 else 2.9) * n_lines + _TITLE_LINE * title_lines * n_lines
-    figure, axes = create_panels(n_lines, n_places, height, sharex=True, sharey=True)
+    height = (
+        1.1 + (2.5 if n_panel_columns > 2 else 2.9) * n_lines + _TITLE_LINE * title_lines * n_lines
+    )
+    figure, axes = create_panels(n_lines, n_panel_columns, height, sharex=True, sharey=True)
     for key, matrix in matrices.items():
         panel = axes[positions[key]]
         _draw_matrix(panel, np.asarray(matrix))
@@ -79,14 +81,14 @@ def confusion(
     for panel in axes[:, 0]:
         panel.set_ylabel("actual class")
     used = set(positions.values())
-    for (line, place), panel in np.ndenumerate(axes):
+    for (line, column), panel in np.ndenumerate(axes):
         panel.set_xticks(
             range(n_columns), predicted, rotation=45, ha="right", rotation_mode="anchor"
         )
-        if (line, place) not in used:
+        if (line, column) not in used:
             panel.set_axis_off()
-        # also above a place that is free in the last line
-        elif (line + 1, place) not in used:
+        # also above a panel that is empty in the last line
+        elif (line + 1, column) not in used:
             panel.tick_params(labelbottom=True)
             panel.set_xlabel("predicted class")
     return figure
@@ -100,8 +102,9 @@ _CHARACTERS_PER_INCH = 12
 
 
 def _arrange_matrices(keys: Sequence[tuple[str, str]]) -> dict[tuple[str, str], tuple[int, int]]:
-    """Return (line, place) of each matrix by (row, column): a row begins a line, and a long row
-    takes several.
+    """Return (line, column of panels) of each matrix by its (row, column).
+
+    A row of matrices begins a line, and a long row takes several.
     """
     columns = list(dict.fromkeys(column for _, column in keys))
     lines_per_row = math.ceil(len(columns) / _MAX_MATRICES_PER_LINE)
@@ -110,14 +113,16 @@ def _arrange_matrices(keys: Sequence[tuple[str, str]]) -> dict[tuple[str, str], 
     positions = {}
     rows = list(dict.fromkeys(row for row, _ in keys))
     for row, column in keys:
-        line, place = divmod(columns.index(column), per_line)
-        positions[row, column] = (rows.index(row) * lines_per_row + line, place)
+        line, panel_column = divmod(columns.index(column), per_line)
+        positions[row, column] = (rows.index(row) * lines_per_row + line, panel_column)
     return positions
 
 
-def _wrap_titles(keys: Sequence[tuple[str, str]], n_places: int) -> dict[tuple[str, str], str]:
+def _wrap_titles(
+    keys: Sequence[tuple[str, str]], n_panel_columns: int
+) -> dict[tuple[str, str], str]:
     """Return the title of each matrix in lines that fit above it."""
-    width = int(_CHARACTERS_PER_INCH * (WIDTH - 1) / max(n_places, 2))
+    width = int(_CHARACTERS_PER_INCH * (WIDTH - 1) / max(n_panel_columns, 2))
     return {key: textwrap.fill(", ".join(part for part in key if part), width) for key in keys}
 
 

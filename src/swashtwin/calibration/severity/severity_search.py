@@ -98,9 +98,9 @@ def estimate_severity(
     the healthy calibration searched, whose posterior is the prior here, converted to the
     recording's oil and pressure (`film_factors`, the pistons' film with half the viscosity's power)
     and widened by `SeveritySettings.drift`. The search minimizes the sum of squares of measured
-    minus simulated lines, weighted by noise and by what twins lack; the severity's interval ends
-    where the minimum sum over all other coordinates rises by 2.71 (profile likelihood), around all
-    minima that lie so low.
+    minus simulated lines, weighted by noise and by what twins lack. The severity's interval ends at
+    values for which the minimum sum over all other coordinates is 2.71 higher (profile likelihood),
+    around all minima that lie so low.
 
     A recess is searched under both laws of contact, `CONTACTS`, up to at least
     `SEARCHED_DEPTH` times the last of `SEVERITY_GRID`, whatever depth is specified

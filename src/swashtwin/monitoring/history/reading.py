@@ -318,10 +318,10 @@ class HistoryReader:
         """Return several indicators of a channel over time, of the newest `limit` recordings."""
         columns: dict[int, Int[np.ndarray, " indicator"]] = {}
         for layout in self._all(select(Layout).where(Layout.machine == machine)):
-            places = {tuple(key): place for place, key in enumerate(layout.names)}
-            # The place after the last one is that of a missing value.
+            indices = {tuple(key): index for index, key in enumerate(layout.names)}
+            # The index after the last one is that of a missing value.
             columns[layout.id] = np.array(
-                [places.get((channel, name), len(places)) for name in names], int
+                [indices.get((channel, name), len(indices)) for name in names], int
             )
         query = (
             select(Judgment.time, Indicators.layout, Indicators.values)

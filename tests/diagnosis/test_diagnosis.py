@@ -112,16 +112,16 @@ def test_saving_the_loaded_classifier_gives_the_same_bytes(saved, tmp_path):
 
 
 def test_a_file_with_an_incomplete_card_is_refused_in_one_line(saved):
-    card, tensors = read_artifact(saved, "classifier", 11, advice="")
+    card, tensors = read_artifact(saved, "classifier", 12, advice="")
     for name in card:
         incomplete = {key: value for key, value in card.items() if key != name}
-        write_artifact(saved, "classifier", 11, incomplete, tensors)
+        write_artifact(saved, "classifier", 12, incomplete, tensors)
         with pytest.raises(ArtifactError, match=f"does not fit this swashtwin.*{name}") as caught:
             load_classifier(saved)
         assert "\n" not in str(caught.value)
 
     del tensors["network.weights.head.weight"]
-    write_artifact(saved, "classifier", 11, card, tensors)
+    write_artifact(saved, "classifier", 12, card, tensors)
 
     with pytest.raises(ArtifactError, match="does not fit this swashtwin"):
         load_classifier(saved)

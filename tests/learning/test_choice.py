@@ -216,8 +216,7 @@ def test_invalid_training_data_and_error_rates_are_refused_before_any_trial() ->
     with pytest.raises(DataError, match="no label"):
         fit_best_candidate(replace(windows(), target=np.full(32, -1)))
 
-    # the allowed rate is that of 20 recordings: those of one machine
-    message = r"needs 99 .*there are 80\. Use more recordings, or an error rate of 0\.048"
+    message = r"needs 99 .*there are 80\. Use more recordings, or an error rate of 0\.013"
     with pytest.raises(InputError, match=message):
         fit_best_candidate(windows(per_class=40), error_rate=0.01)
 

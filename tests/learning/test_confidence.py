@@ -13,7 +13,16 @@ from sklearn.metrics import roc_auc_score
 from tree_models import fit_trees
 
 from swashtwin.diagnosis import diagnose, load_classifier, save_classifier
-from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
+from swashtwin.diagnosis.classifier_file import VERSION, VERSION_WITHOUT_MACHINES
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    LeakError,
+    MPa,
+    read_artifact,
+    rpm,
+    write_artifact,
+)
 from swashtwin.learning import (
     BiTCN,
     Confidence,
@@ -34,6 +43,7 @@ from swashtwin.learning.covariance import shrunk_covariance
 from swashtwin.learning.features import reference_features
 from swashtwin.learning.training.confidence import temperature_scaled
 from swashtwin.learning.training.training_reference import build_reference
+from swashtwin.learning.training.virtual_problems import HELD_OUT_SHARES, transport_p_values
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 
@@ -196,6 +206,39 @@ def test_each_class_with_enough_recordings_has_its_rate_and_scarce_classes_share
     np.testing.assert_allclose(predictor.plausibility(probability, 1)[0, 0], of_first_class)
 
 
+def test_held_out_machines_are_judged_together_and_adjusted_by_virtual_problems() -> None:
+    target = np.repeat([0, 1, 2], 20)
+    by_recording = confidence(np.linspace(0, 1, 60), target=target)
+    by_machine = replace(by_recording, n_machines=2, cross_fitted=True)
+    probability = np.array([[0.9, 0.06, 0.04], [0.5, 0.3, 0.2]])
+
+    assert by_machine.class_groups(3).tolist() == [-1, -1, -1]
+    assert by_machine.basis == (
+        "60 training recordings, each classified by models trained without its machine, adjusted "
+        "by 60 virtual problems of 2 pumps"
+    )
+
+    unadjusted = replace(by_machine, n_machines=9)
+    assert unadjusted.basis.endswith("trained without its machine")
+    measured = unadjusted.plausibility(probability, 1)
+    np.testing.assert_array_equal(
+        by_machine.plausibility(probability, 1), transport_p_values(measured, 2)
+    )
+
+
+def test_virtual_problems_keep_the_order_of_p_values_and_raise_none() -> None:
+    p_value = np.linspace(0, 1, 501)
+    for n_machines in HELD_OUT_SHARES:
+        transported = transport_p_values(p_value, n_machines)
+        assert (np.diff(transported) >= 0).all()
+        assert (transported <= p_value).all()
+        assert transported[-1] == 1
+        # K machines promise no rate below 1 / (K + 1): the sets at 0.1 stay wider than at that.
+        assert transported[p_value > 1 / (n_machines + 1)].min() > 0.1
+
+    np.testing.assert_array_equal(transport_p_values(p_value, 9), p_value)
+
+
 @pytest.mark.parametrize(("count", "rate"), [(20, 0.1), (9, 0.1), (6, 0.143), (2, 0.334)])
 def test_few_training_recordings_give_the_minimum_error_rate_that_they_allow(
     count: int, rate: float
@@ -307,6 +350,13 @@ def test_a_confidence_is_saved_with_its_classifier(calibrated, bare, tmp_path) -
     for classifier in (calibrated, bare):
         loaded = load_classifier(save_classifier(classifier, tmp_path / "a.safetensors"))
         assert diagnose(loaded, piston).to_dict() == diagnose(classifier, piston).to_dict()
+
+    path = save_classifier(calibrated, tmp_path / "previous.safetensors")
+    card, arrays = read_artifact(path, "classifier", VERSION, advice="", may_be_nan=None)
+    del card["confidence"]["n_machines"]
+    write_artifact(path, "classifier", VERSION_WITHOUT_MACHINES, card, arrays, may_be_nan=None)
+    previous = load_classifier(path)
+    assert diagnose(previous, piston).to_dict() == diagnose(calibrated, piston).to_dict()
 
     loaded = load_classifier(
         save_classifier(replace(bare, training_reference=None), tmp_path / "b.safetensors")

@@ -14,7 +14,7 @@ import numpy as np
 from swashtwin.learning import FittedClassifier, cross_fitted_confidence
 
 Change = Callable[[dict[str, Any]], object]
-VERSION = 11
+VERSION = 12
 """Of the files of saved models."""
 
 _PATHS: tuple[tuple[str, ...], ...] = (
@@ -42,6 +42,7 @@ _PATHS: tuple[tuple[str, ...], ...] = (
     ("confidence", "listening_windows"),
     ("confidence", "error_rate"),
     ("confidence", "cross_fitted"),
+    ("confidence", "n_machines"),
 )
 _TYPES: dict[str, Any] = {
     "missing": None,
@@ -67,6 +68,7 @@ _FITTING = {
     ("fraction", ("confidence", "dependence")),
     ("fraction", ("confidence", "error_rate")),
     ("truth", ("confidence", "cross_fitted")),
+    ("huge", ("confidence", "n_machines")),
 }
 """Values that a card may have."""
 

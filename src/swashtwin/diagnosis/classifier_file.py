@@ -25,7 +25,9 @@ from swashtwin.learning import (
 
 KIND = "classifier"
 """Kind of the artifact."""
-_VERSION = 11
+VERSION = 12
+VERSION_WITHOUT_MACHINES = 11
+"""Version whose confidences rest on recordings of one machine, if machines were held out."""
 _MAY_BE_NAN = (
     "training_reference.condition",
     "recordings.healthy.condition",
@@ -103,7 +105,7 @@ def save_classifier(
         group=_saved_group(group),
         **_fields_but_network(classifier),
     )
-    return save_artifact(path, KIND, _VERSION, card, may_be_nan=_MAY_BE_NAN)
+    return save_artifact(path, KIND, VERSION, card, may_be_nan=_MAY_BE_NAN)
 
 
 def _saved_group(group: str | Mapping[str, str]) -> str | dict[str, str]:
@@ -129,7 +131,15 @@ def load_classifier_parts(
     Errors: see `load_model`.
     """
     advice = "swashtwin train, or its method save, writes a classifier"
-    card = load_artifact(path, _Card, KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
+    card = load_artifact(
+        path,
+        _Card,
+        KIND,
+        VERSION,
+        advice=advice,
+        may_be_nan=_MAY_BE_NAN,
+        extensions={VERSION_WITHOUT_MACHINES: _add_machines},
+    )
     name = card.network.name[:_MAX_NAME_CHARACTERS]
 
     with translate_load_errors(path, KIND, advice):
@@ -144,6 +154,15 @@ def load_classifier_parts(
         network = rebuild_network(name, card.network.settings, card.network.weights)
         classifier = FittedClassifier(network=network, **_fields_but_network(card))
         return classifier, card.resemblance, card.group
+
+
+def _add_machines(card: dict[str, Any]) -> dict[str, Any]:
+    """Return a card of the version before with the entries that this one added."""
+    extended = dict(card)
+    for name in ("confidence", "baseline_confidence"):
+        if isinstance(card.get(name), dict):
+            extended[name] = {**card[name], "n_machines": 0}
+    return extended
 
 
 def _require_plausible_settings(network: _Network, window_length: int) -> None:

@@ -65,10 +65,11 @@ class Diagnosis:
     prediction_set: tuple[str, ...] = ()
     """Classes that cannot be excluded at the error rate, likeliest first."""
     plausibility: Mapping[str, float] = field(default_factory=dict)
-    """Conformal p-value of each class."""
+    """Conformal p-value of each class; adjusted if `basis` names virtual problems."""
     scarce_classes: tuple[str, ...] = ()
     """Classes whose p-values are computed from the recordings of all of them together, since some
-    have too few for the error rate; that of another class is computed from its recordings alone."""
+    have too few for the error rate, or since machines were held out; that of another class is
+    computed from its recordings alone."""
     p_value: float | None = None
     """Conformal p-value of resembling the recordings of `basis`, at least 1 / (n + 1); up to the
     error rate the recording is unknown, or an alarm."""

@@ -8,9 +8,10 @@ detects a damaged or edited file; it is not a signature.
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,6 +23,11 @@ from swashtwin.foundation.dataclass_tables import from_table, parse_json, to_tab
 from swashtwin.foundation.errors import ArtifactError, InputError, MissingFileError
 
 T = TypeVar("T")
+
+Extensions = Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]]
+"""Functions that return the card of an earlier version as one of the current version."""
+
+_NO_EXTENSIONS: Extensions = MappingProxyType({})
 
 # The only key of the entry that stands for an array in a card.
 _ARRAY_KEY = "array"
@@ -98,6 +104,7 @@ def load_artifact(
     *,
     advice: str,
     may_be_nan: Sequence[str] | None = (),
+    extensions: Extensions = _NO_EXTENSIONS,
 ) -> T:
     """Return the dataclass that `save_artifact` wrote.
 
@@ -107,6 +114,7 @@ def load_artifact(
         ``__post_init__`` raises a `ValueError` if fields contradict each other.
     kind, version, may_be_nan : as in `save_artifact`; another kind or version is refused.
     advice : how to get a valid file, such as ``"save it again"``; ends each message.
+    extensions : by earlier version that is read too.
 
     Raises
     ------
@@ -115,7 +123,9 @@ def load_artifact(
     ArtifactError
         The file is damaged, edited, something else, of another version, or does not fit `form`.
     """
-    card, arrays = read_artifact(path, kind, version, advice=advice, may_be_nan=may_be_nan)
+    card, arrays = read_artifact(
+        path, kind, version, advice=advice, may_be_nan=may_be_nan, extensions=extensions
+    )
 
     def decode_array(array_type: type, entry: Any) -> Any:
         if isinstance(entry, list):
@@ -170,7 +180,13 @@ def write_artifact(
 
 
 def read_artifact(
-    path: Path | str, kind: str, version: int, *, advice: str, may_be_nan: Sequence[str] | None = ()
+    path: Path | str,
+    kind: str,
+    version: int,
+    *,
+    advice: str,
+    may_be_nan: Sequence[str] | None = (),
+    extensions: Extensions = _NO_EXTENSIONS,
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Return the card and the arrays that `write_artifact` wrote.
 
@@ -178,6 +194,7 @@ def read_artifact(
     ----------
     kind, version, may_be_nan : as in `write_artifact`; another kind or version is refused.
     advice : how to get a valid file, such as ``"save it again"``; ends each message.
+    extensions : by earlier version that is read too.
 
     Raises
     ------
@@ -217,17 +234,21 @@ def read_artifact(
     if saved_kind != kind:
         shown_kind = saved_kind[:_MAX_SHOWN_CHARACTERS]
         raise ArtifactError(f"{path} holds a {shown_kind!r}, not a {kind}; {advice}.")
-    if saved_version != version:
+    is_earlier = isinstance(saved_version, int) and saved_version in extensions
+    if saved_version != version and not is_earlier:
         shown_version = str(saved_version)[:_MAX_SHOWN_CHARACTERS]
         raise ArtifactError(
             f"{path} has version {shown_version} of a {kind}, this swashtwin reads version "
             f"{version}; {advice}."
         )
-    if checksum != _checksum(kind, version, card, arrays):
+    if checksum != _checksum(kind, saved_version, card, arrays):
         raise ArtifactError(
             f"{path} was changed after it was saved (its SHA-256 does not match); {advice}."
         )
     _require_finite(str(path), arrays, may_be_nan, f"; {advice}.")
+    if is_earlier:
+        with translate_load_errors(path, kind, advice):
+            card = extensions[saved_version](card)
     return card, arrays
 
 

@@ -21,9 +21,6 @@ from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import Manifest
 
-# Recordings of one machine from which a confidence is learned from it alone.
-_MIN_MACHINE_RECORDINGS = 20
-
 
 def fit_best_candidate(
     windows: WindowSet,
@@ -84,10 +81,12 @@ def fit_best_candidate(
             choice = replace(choice, head_recalls=trial.recalls(has_baseline))
             if has_baseline:
                 with_changes = trial.answers(predictions, with_changes=True)
-                baseline_confidence = _confidence(reference, with_changes, error_rate, by_machine)
+                baseline_confidence = _confidence(
+                    reference, with_changes, error_rate, choice.n_machines
+                )
             predictions = trial.answers(predictions, with_changes=False)
 
-    confidence = _confidence(reference, predictions, error_rate, by_machine)
+    confidence = _confidence(reference, predictions, error_rate, choice.n_machines)
     if confidence is None and error_rate is not None:
         raise InputError(
             f"error_rate ({error_rate:g}) needs a confidence, and without a trial there is none: "
@@ -101,40 +100,30 @@ def fit_best_candidate(
 
 
 def _require_recordings(windows: WindowSet, error_rate: float) -> None:
-    """Require enough measured recordings for an error rate.
-
-    The error advises a rate that holds even if the confidence rests on one machine only, the
-    hardest one to classify.
-    """
+    """Require enough measured recordings for an error rate."""
     measured = windows.subset(~windows.synthetic)
-    _, first = np.unique(measured.recording_id, return_index=True)
-    _, machine_counts = np.unique(measured.specimen[first], return_counts=True)
-    large_counts = machine_counts[machine_counts >= _MIN_MACHINE_RECORDINGS].tolist()
-    require_validation_recordings(len(first), error_rate, min(large_counts, default=None))
+    require_validation_recordings(len(np.unique(measured.recording_id)), error_rate)
 
 
 def _confidence(
     reference: TrainingReference | None,
     predictions: OutOfFoldPredictions | None,
     error_rate: float | None,
-    by_machine: bool,
+    n_machines: int,
 ) -> Confidence | None:
     """Return a confidence from the folds.
 
-    It is None without a trial, or if no class has two recordings to compare. If folds leave
-    machines out, it is that of the machine that was hardest to classify: the next machine may
-    differ as much from the others, and the mean over a few machines does not show how much machines
-    differ.
+    It is None without a trial, or if no class has two recordings to compare.
+
+    Parameters
+    ----------
+    n_machines : machines that the folds left out; 0 if they left out others.
     """
     if reference is None or predictions is None:
         return None
 
     scores = reference.cross_fitted_scores()
     is_scored = np.isfinite(scores)
-    machine = _hardest_machine(reference, predictions) if by_machine else ""
-    if machine:
-        is_scored &= np.array(reference.specimen) == machine
-
     scored_names = np.array(reference.recording_id)[is_scored]
     selected = np.isin(predictions.recording_id, scored_names)
     if not selected.any():
@@ -146,26 +135,5 @@ def _confidence(
         predictions.target[selected],
         scores[is_scored & is_predicted],
         error_rate=error_rate,
+        n_machines=n_machines,
     )
-
-
-def _hardest_machine(reference: TrainingReference, predictions: OutOfFoldPredictions) -> str:
-    """Return the machine whose recordings got the lowest probability of their class.
-
-    It is empty if that machine has too few recordings for a confidence.
-    """
-    machine_by_recording = dict(zip(reference.recording_id, reference.specimen, strict=True))
-    window_machines = np.array(
-        [machine_by_recording.get(name, "") for name in predictions.recording_id.tolist()]
-    )
-    windows = np.arange(len(predictions.target))
-    probability = predictions.probability[windows, predictions.target]
-    log_probability = np.log(np.maximum(probability, 1e-12))
-    mean_by_machine = {
-        name: float(log_probability[window_machines == name].mean())
-        for name in np.unique(window_machines).tolist()
-    }
-
-    hardest = min(mean_by_machine, key=lambda name: mean_by_machine[name])
-    n_recordings = np.unique(predictions.recording_id[window_machines == hardest]).size
-    return hardest if n_recordings >= _MIN_MACHINE_RECORDINGS else ""

@@ -177,6 +177,7 @@ def cross_fitted_confidence(
     ood_score: Float[np.ndarray, " recording"],
     *,
     error_rate: float | None = None,
+    n_machines: int = 0,
 ) -> Confidence:
     """Return a confidence from out-of-fold answers to the recordings of the training itself.
 
@@ -202,6 +203,8 @@ def cross_fitted_confidence(
         ``np.unique(recording_id)``.
     error_rate : see `Confidence`. By default 0.1, or the lowest rate that the recordings allow
         (`allowed_error_rate`).
+    n_machines : number of machines that the folds left out, all of whose recordings are given; 0 if
+        folds did not leave machines out.
 
     Raises
     ------
@@ -229,9 +232,10 @@ def cross_fitted_confidence(
     if error_rate is None:
         error_rate = allowed_error_rate(len(names), DEFAULT_ERROR_RATE)
     by_recording = [probability[index == number] for number in range(len(names))]
-    return _build_confidence(
+    confidence = _build_confidence(
         by_recording, target[first], np.asarray(ood_score), error_rate, cross_fitted=True
     )
+    return replace(confidence, n_machines=n_machines)
 
 
 def _build_confidence(

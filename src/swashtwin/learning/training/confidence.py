@@ -13,6 +13,7 @@ import scipy
 from jaxtyping import Bool, Float, Float64, Int, Int64
 
 from swashtwin.foundation import InputError, plural
+from swashtwin.learning.training.virtual_problems import N_PROBLEMS, transport_p_values
 
 DEFAULT_ERROR_RATE = 0.1
 """Error rate of prediction sets if none is specified, and the recordings allow it."""
@@ -57,6 +58,11 @@ class Confidence:
     were trained without it (`cross_fitted_confidence`), rather than recordings held out
     (`learn_confidence`).
     """
+    n_machines: int = 0
+    """Machines that were held out in turn, if the confidence is cross-fitted on all of them; else
+    0. Then all classes are compared together, because scores differ between machines more than
+    between classes, and p-values are those of a new machine (`transport_p_values`).
+    """
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.temperature) and self.temperature > 0):
@@ -65,6 +71,8 @@ class Confidence:
             raise InputError(f"dependence ({self.dependence:g}) must lie between 0 and 1.")
         require_validation_recordings(self.n_recordings, self.error_rate)
 
+        if self.n_machines < 0:
+            raise InputError(f"n_machines ({self.n_machines}) must not be negative.")
         counts = self.listening_windows
         if counts[:1] != (1,) or sorted(set(counts)) != list(counts):
             raise InputError(f"listening_windows ({counts}) must ascend from 1.")
@@ -84,7 +92,15 @@ class Confidence:
         """Description of the validation recordings."""
         if self.cross_fitted:
             recordings = plural(self.n_recordings, "training recording")
-            return f"{recordings}, each classified by models trained without it"
+            if not self.n_machines:
+                return f"{recordings}, each classified by models trained without it"
+
+            basis = f"{recordings}, each classified by models trained without its machine"
+            n_problems = N_PROBLEMS.get(self.n_machines)
+            if n_problems is None:
+                return basis
+            pumps = plural(self.n_machines, "pump")
+            return f"{basis}, adjusted by {n_problems} virtual problems of {pumps}"
         return f"{plural(self.n_recordings, 'validation recording')} held out"
 
     def temperature_scaled(
@@ -122,7 +138,8 @@ class Confidence:
         `class_groups`, each cut to the largest of `listening_windows` that the recording has. p_c
         is that of `pooled_probabilities` before the temperature, so that no p-value depends on what
         was fitted to the validation recordings. For the true class it is at most e in a share e of
-        the recordings of each group (Mondrian sets: Vovk, Gammerman and Shafer 2005, ch. 4).
+        the recordings of each group (Mondrian sets: Vovk, Gammerman and Shafer 2005, ch. 4). If
+        machines were held out, `transport_p_values` follows.
         """
         score = nonconformity_scores(probability)
         row = np.searchsorted(self.listening_windows, n_windows, side="right") - 1
@@ -135,7 +152,7 @@ class Confidence:
             class_score = score[..., class_group == group, None]
             n_higher = (group_score[..., None, :] >= class_score).sum(axis=-1)
             p_value[..., class_group == group] = (1 + n_higher) / (group_score.shape[-1] + 1)
-        return p_value
+        return transport_p_values(p_value, self.n_machines)
 
     def class_groups(
         self, n_classes: int, error_rate: float | None = None
@@ -144,8 +161,11 @@ class Confidence:
 
         It is the class's index if the class has enough validation recordings, else -1: scarce
         classes are judged together. If they are too few even so, the next scarcest classes join
-        them.
+        them. All are judged together if machines were held out.
         """
+        if self.n_machines:
+            return np.full(n_classes, -1)
+
         rate = self.error_rate if error_rate is None else error_rate
         needed = min_validation_recordings(rate)
         count = np.bincount(self.target, minlength=n_classes)
@@ -213,15 +233,8 @@ def min_validation_recordings(error_rate: float) -> int:
     return math.ceil(1 / error_rate - 1 - _ROUNDING)
 
 
-def require_validation_recordings(
-    n_recordings: int, error_rate: float, n_advised: int | None = None
-) -> None:
+def require_validation_recordings(n_recordings: int, error_rate: float) -> None:
     """Require enough validation recordings for an error rate.
-
-    Parameters
-    ----------
-    n_advised : number of recordings for which the error advises a rate, if the confidence may rest
-        on fewer than `n_recordings`.
 
     Raises
     ------
@@ -230,7 +243,7 @@ def require_validation_recordings(
     """
     needed = min_validation_recordings(error_rate)
     if n_recordings < needed:
-        allowed = allowed_error_rate(n_advised or n_recordings, error_rate)
+        allowed = allowed_error_rate(n_recordings, error_rate)
         raise InputError(
             f"An error rate of {error_rate:g} needs {needed} validation recordings, and there are "
             f"{n_recordings}. Use more recordings, or an error rate of {allowed:g} or more.",

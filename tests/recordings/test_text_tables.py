@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, InputError, resumable_folders
 from swashtwin.recordings import (
     ReadOptions,
     Recording,
@@ -19,7 +19,7 @@ from swashtwin.recordings import (
     require_usable,
     write_recording,
 )
-from swashtwin.recordings.formats import csv
+from swashtwin.recordings.formats import column_store, csv, text_blocks
 
 
 def table_text(heading: str, *columns: Iterable[Any]) -> str:
@@ -578,7 +578,7 @@ def test_a_text_without_a_table_is_refused(tmp_path: Path) -> None:
 def test_a_compressed_file_that_unpacks_to_much_more_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(csv, "_UNLIMITED_TEXT_BYTES", 1 << 16)
+    monkeypatch.setattr(text_blocks, "_UNLIMITED_TEXT_BYTES", 1 << 16)
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"x\n" + b"0\n" * (1 << 18)))
 
     with pytest.raises(DataError, match="unpacks to more than 300 times its size"):
@@ -588,8 +588,103 @@ def test_a_compressed_file_that_unpacks_to_much_more_is_refused(
 def test_a_file_of_one_endless_line_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(csv, "_MAX_HEAD_BYTES", 1 << 10)
+    monkeypatch.setattr(text_blocks, "MAX_LINE_BYTES", 1 << 10)
     (tmp_path / "a.csv").write_text("1" * (1 << 13))
 
     with pytest.raises(DataError, match="has a line of more than"):
         csv.read(tmp_path / "a.csv", ReadOptions())
+
+
+# ---- in blocks
+
+CASES = Path(__file__).parent / "cases"
+
+BLOCK_TEXTS = {
+    "carriage returns": "t,x\r" + "".join(f"{k / 100},{k % 7}\r" for k in range(40)),
+    "two carriage returns": "t,x\r\r\n" + "".join(f"{k / 100},{k % 7}\r\r\n" for k in range(40)),
+    "blank rows at the end": "x;y\n1;2\n;\n3;4\n" + ";\n" * 60,
+    "repeated header": ("x,y\n" + "1,2\n3,4\n" * 20 + "\n") * 3,
+    "time stamps": "t,x\n" + "".join(f"2026-04-10 23:59:{k:02},{k}\n" for k in range(60)),
+    "missing time stamp": "t,x\n" + "".join(f"12:00:{k:02},{k}\n" for k in range(30)) + ",1\n",
+    "text in a blank column": "x;y;note\n" + "1;2;\n" * 60 + "3;4;stopped\n",
+    "damaged row": "x,y\n" + "1,2\n" * 60 + "1\n" + "3,4\n",
+    "UTF-16": "\ufeffx;µ\n" + "1,5;−2\n" * 60,
+}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        *[
+            pytest.param(text.encode("utf-16" if name == "UTF-16" else "utf-8"), id=name)
+            for name, text in BLOCK_TEXTS.items()
+        ],
+        *[
+            pytest.param(path.read_bytes(), id=path.name)
+            for path in sorted(CASES.iterdir())
+            if path.suffix in (".csv", ".txt", ".lvm", ".dat")
+        ],
+    ],
+)
+def test_blocks_of_a_text_and_numbers_in_a_file_do_not_change_the_table(
+    content: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    whole = outcome_of_reading(path)
+
+    # Longer than the beginning that shows a binary file, unless the file is short.
+    block_bytes = min(4096, max(16, len(content) // 5))
+    monkeypatch.setattr(text_blocks, "_BLOCK_BYTES", block_bytes)
+    monkeypatch.setattr(text_blocks, "_FIRST_BLOCK_BYTES", block_bytes)
+    monkeypatch.setattr(column_store, "_MAX_BYTES_IN_MEMORY", 64)
+
+    assert outcome_of_reading(path) == whole
+
+
+def outcome_of_reading(path: Path) -> tuple[Any, ...]:
+    """Return the content of a file, or the text of the error, that can be compared."""
+    try:
+        raw = csv.read(path, ReadOptions())
+    except DataError as error:
+        return (str(error),)
+    samples = {name: np.asarray(column[:]).tobytes() for name, column in raw.columns.items()}
+    return (samples, raw.sample_rate, raw.units, raw.attributes, raw.breaks)
+
+
+def test_numbers_without_space_for_their_temporary_file_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.csv").write_text("x,y\n" + "1,2\n" * 60)
+    monkeypatch.setattr(column_store, "_MAX_BYTES_IN_MEMORY", 64)
+    monkeypatch.setattr(resumable_folders, "_DISK_RESERVE_BYTES", 1 << 60)
+
+    with pytest.raises(InputError, match=r"a\.csv: its numbers do not fit .*TMPDIR"):
+        csv.read(tmp_path / "a.csv", ReadOptions())
+
+
+def test_a_part_of_a_column_in_a_file_is_read_without_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(column_store, "_MAX_BYTES_IN_MEMORY", 0)
+    store = column_store.ColumnStore(tmp_path / "a.csv", [0, 3])
+    for first in (0, 4, 5):
+        rows = np.arange(float(first), first + 4 if first == 0 else first + 1)
+        store.append({0: rows, 3: -rows}, len(rows))
+
+    column = store.column(3)
+
+    assert len(column) == 6
+    assert column[3:6].tolist() == [-3, -4, -5]
+    assert column[1:6:2].tolist() == [-1, -3, -5]
+    assert column[6:9].tolist() == []
+
+
+def test_a_text_larger_than_memory_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = "".join(f"{k / 1000:.3f},{k % 7}\n" for k in range(20_000))
+    (tmp_path / "a.csv").write_text("t [s],x [g]\n" + rows)
+    monkeypatch.setenv("SWASHTWIN_MEMORY_GB", "0.0001")
+
+    recording = load_recording(tmp_path / "a.csv")
+
+    assert recording.slice(0, 8).signal[0, 6] == pytest.approx(6 * 9.80665)

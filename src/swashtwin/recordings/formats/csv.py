@@ -1,9 +1,7 @@
 """Text tables: any separator, decimal comma, header lines, time stamps; plain or gzipped."""
 
-import codecs
-import gzip
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -11,13 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import (
-    DataError,
-    load_extra,
-    memory_limit,
-    require_memory,
-    spreadsheet_text,
-)
+from swashtwin.foundation import DataError, load_extra, spreadsheet_text
+from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.clock import extract_time, find_time_column, require_one_rate
 from swashtwin.recordings.formats.dialects import (
     HEAD_LINES,
@@ -35,16 +28,20 @@ from swashtwin.recordings.formats.headings import (
     read_sensitivities,
 )
 from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
-from swashtwin.recordings.formats.text_rows import MISSING_TEXTS, RowError, RowParser, decode
+from swashtwin.recordings.formats.text_blocks import (
+    MAX_LINE_BYTES,
+    drop_empty_rows_at_end,
+    read_text_blocks,
+    skip_lines,
+    trim_blanks,
+)
+from swashtwin.recordings.formats.text_rows import ParsedRows, RowError, RowParser, decode
 from swashtwin.recordings.formats.time_column import NO_UNIT
-from swashtwin.recordings.formats.time_stamps import is_stamp, stamp_seconds
+from swashtwin.recordings.formats.time_stamps import is_stamp
 from swashtwin.recordings.recording import Recording
 
 arro3_core: Any = load_extra("arro3.core", "readers", "a text table")
 arro3_io: Any = load_extra("arro3.io", "readers", "a text table")
-
-# Longest line, and bytes at the beginning in which the head lies.
-_MAX_HEAD_BYTES = 1 << 24
 
 # Lines of the head below those in which the first row is searched.
 _FURTHER_HEAD_LINES = 40
@@ -52,32 +49,29 @@ _FURTHER_HEAD_LINES = 40
 # Characters of the header that are kept as an attribute.
 _MAX_HEADER_ATTRIBUTE = 2000
 
-# Bytes of text per byte of a gzipped file; more is not a measurement.
-_MAX_EXPANSION = 300
-
-# Text that any gzipped file may hold.
-_UNLIMITED_TEXT_BYTES = 1 << 28
-
-# Memory per byte of text: the lines, their fields, and the numbers.
-_BYTES_IN_MEMORY = 3
-
 
 def read(path: Path, options: ReadOptions) -> RawFile:
-    """Return columns, rate and units of a text table, which is read whole.
+    """Return columns, rate and units of a text table.
+
+    The text is read in blocks, and the numbers of a large one are kept in a temporary file.
 
     Columns of text are excluded; the attribute ``text_columns`` names them. A column of time stamps
     gives the rate if no column of numbers is the time.
     """
-    text = _read_text(path)
+    return _Table(path, _read_head(path, options), options).raw_file(options)
 
+
+def _read_head(path: Path, options: ReadOptions) -> list[str]:
+    """Return the lines among which the first row of the table is."""
     line_count = HEAD_LINES + _FURTHER_HEAD_LINES + (options.header_lines or 0)
-    head = text[:_MAX_HEAD_BYTES].split(b"\n", line_count)[:line_count]
-    if max(map(len, head)) >= _MAX_HEAD_BYTES:
-        raise DataError(
-            f"{path} has a line of more than {_MAX_HEAD_BYTES >> 20} MB; it is not a table."
-        )
-
-    return _Table(path, text, [decode(line) for line in head], options).raw_file(options)
+    lines: list[bytes] = []
+    n_bytes = 0
+    for block in read_text_blocks(path):
+        lines += block.split(b"\n", line_count)[:line_count]
+        n_bytes += len(block)
+        if len(lines) >= line_count or n_bytes >= MAX_LINE_BYTES:
+            break
+    return [decode(line) for line in lines[:line_count]]
 
 
 class _Table:
@@ -87,7 +81,7 @@ class _Table:
     parsed.
     """
 
-    def __init__(self, path: Path, text: bytes, lines: Sequence[str], options: ReadOptions) -> None:
+    def __init__(self, path: Path, lines: Sequence[str], options: ReadOptions) -> None:
         self._path = path
         self._dialect = detect_dialect(path, lines, options)
         self._names, self._units = self._dialect.headings()
@@ -102,11 +96,16 @@ class _Table:
             split_line(line.strip(), separator)[0] for line in header_lines if line.strip()
         }
         """First field of each header line."""
+        self._header_rows: dict[int, list[int]] = {}
+        """Lines of repeated headers in each block of the rows, by the number of the block."""
 
-        body = _trim_blanks(text.split(b"\n", self._start)[-1], separator.encode())
-        last_value = len(body.rstrip(b"\n" + separator.encode()))
-        end = body.find(b"\n", last_value)  # rows without any value may follow
-        self._body = body if end < 0 else body[:end]
+    def _blocks(self) -> Iterator[bytes]:
+        """Yield the lines below the header, without blanks around fields and rows without value."""
+        separator = self._dialect.separator.encode()
+        blocks = skip_lines(read_text_blocks(self._path), self._start)
+        return drop_empty_rows_at_end(
+            (trim_blanks(block, separator) for block in blocks), separator
+        )
 
     def raw_file(self, options: ReadOptions) -> RawFile:
         """Return the columns by name, the time as the rate, and the excluded columns' names."""
@@ -160,7 +159,7 @@ class _Table:
         return attributes
 
     def _with_header_facts(
-        self, raw: RawFile, columns: dict[str, np.ndarray], options: ReadOptions
+        self, raw: RawFile, columns: dict[str, Column], options: ReadOptions
     ) -> RawFile:
         """Return the content with units, sensitivities and rate that the header lines state."""
         pairs = parse_header(self._header)
@@ -203,92 +202,118 @@ class _Table:
         ]
         return header_rate(sampling_pairs)
 
-    def _parse_columns(
-        self,
-    ) -> tuple[dict[str, np.ndarray], list[str], dict[str, str | None]]:
+    def _parse_columns(self) -> tuple[dict[str, Column], list[str], dict[str, str | None]]:
         """Return numbers and seconds by name, names of blank columns, and starts of time stamps."""
-        table = self._parse_rows(self._body)
-        columns: dict[str, np.ndarray] = {}
+        rows = self._parse_rows()
+        columns: dict[str, Column] = {}
         blank_names: list[str] = []
         starts: dict[str, str | None] = {}
         for column, (name, kind) in enumerate(zip(self._names, self._kinds, strict=True)):
             if kind in (Kind.text, Kind.date):
                 continue
 
-            if column not in table:
-                blank_names.append(name)
-            elif kind is Kind.stamp:
-                texts = table[column]
-                columns[name], starts[name] = stamp_seconds(self._path, texts)
-                if not MISSING_TEXTS.issuperset(texts[np.isnan(columns[name])].tolist()):
+            if column in rows.stamps:
+                stamps = rows.stamps[column]
+                seconds, starts[name] = stamps.seconds(self._path)
+                if np.isnan(seconds).sum() != stamps.n_missing:
                     raise self._damage()
+                columns[name] = seconds
+            elif column in rows.numbers:
+                columns[name] = rows.numbers[column]
             else:
-                columns[name] = table[column]
+                blank_names.append(name)
         return columns, blank_names, starts
 
-    def _parse_rows(self, body: bytes) -> dict[int, np.ndarray]:
-        """Return numbers and texts of time stamps by column; those without any value are absent.
+    def _parse_rows(self) -> ParsedRows:
+        """Return numbers and time stamps by column; those without any value are absent.
 
         A column that is blank in the head may hold numbers, or else text: its kind is then changed.
         """
-        parser = RowParser(self._dialect.separator, self._dialect.decimal, len(self._kinds))
+        dialect = self._dialect
+        parser = RowParser(self._path, dialect.separator, dialect.decimal, len(self._kinds))
         numbers = self._columns_of(Kind.number)
         stamps = self._columns_of(Kind.stamp)
         blanks = self._columns_of(Kind.blank)
         with suppress(RowError):
-            return parser.parse(body, [*numbers, *blanks], stamps)
+            return parser.parse(self._rows(), [*numbers, *blanks], stamps)
 
         try:
-            table = parser.parse(body, numbers, stamps)
+            rows = parser.parse(self._rows(), numbers, stamps)
         except RowError as cause:
-            rows = self._without_repeated_headers(body)
-            if rows is None:
+            if self._header_rows or not self._find_repeated_headers():
                 raise self._damage() from cause
-            return self._parse_rows(rows)
+            return self._parse_rows()
 
         for column in blanks:
             try:
-                table |= parser.parse(body, [column])
+                rows.numbers.update(parser.parse(self._rows(), [column]).numbers)
             except RowError:
                 self._kinds[column] = Kind.text
-        return table
+        return rows
 
     def _columns_of(self, kind: Kind) -> list[int]:
         return [column for column, other_kind in enumerate(self._kinds) if other_kind is kind]
 
-    def _without_repeated_headers(self, body: bytes) -> bytes | None:
-        """Return the rows without lines that begin as one of the header does, and note the breaks.
+    def _rows(self) -> Iterator[bytes]:
+        """Yield the rows in blocks of lines, without the repeated headers that were found."""
+        for number, block in enumerate(self._blocks()):
+            header_rows = self._header_rows.get(number)
+            if header_rows is None:
+                yield block
+                continue
 
-        None if there is no such line. Blank lines around a header belong to it.
+            lines = block.split(b"\n")
+            for index in reversed(header_rows):
+                del lines[index]
+            if lines:
+                yield b"\n".join(lines)
+
+    def _find_repeated_headers(self) -> bool:
+        """Find lines that begin as one of the header does, and note the breaks.
+
+        Return whether there is such a line, and a row. Blank lines around a header belong to it.
         """
         separator = self._dialect.separator
-        lines = body.split(b"\n")
-        rows: list[bytes] = []
-        for number, line in enumerate(lines):
+        n_rows = 0
+        for number, index, line, next_line in self._lines_with_next():
             text = decode(line).strip()
-            is_break = self._breaks[-1:] == [len(rows)]
+            is_break = self._breaks[-1:] == [n_rows]
             if text:
                 is_header = split_line(text, separator)[0] in self._header_keys
             else:
-                next_lines = lines[number + 1 : number + 2]
-                is_header = is_break or all(
-                    decode(next_line).strip().split(separator)[0] in self._header_keys
-                    for next_line in next_lines
+                is_header = (
+                    is_break
+                    or next_line is None
+                    or decode(next_line).strip().split(separator)[0] in self._header_keys
                 )
 
             if not is_header:
-                rows.append(line)
-            elif not is_break:
-                self._breaks.append(len(rows))
+                n_rows += 1
+                continue
+            self._header_rows.setdefault(number, []).append(index)
+            if not is_break:
+                self._breaks.append(n_rows)
 
-        if len(rows) == len(lines) or not rows:
-            return None
+        if not self._header_rows or not n_rows:
+            return False
         self._breaks = [row for row in self._breaks if row]
-        return b"\n".join(rows)
+        return True
+
+    def _lines_with_next(self) -> Iterator[tuple[int, int, bytes, bytes | None]]:
+        """Yield the number of a block, the index of a line in it, the line, and the next line."""
+        previous: tuple[int, int, bytes] | None = None
+        for number, block in enumerate(self._blocks()):
+            for index, line in enumerate(block.split(b"\n")):
+                if previous is not None:
+                    yield *previous, line
+                previous = number, index, line
+        if previous is not None:
+            yield *previous, None
 
     def _damage(self) -> DataError:
         """Return the error of the first damaged line."""
-        for number, line in enumerate(self._body.split(b"\n"), self._start + 1):
+        lines = (line for block in self._blocks() for line in block.split(b"\n"))
+        for number, line in enumerate(lines, self._start + 1):
             fields = split_line(decode(line), self._dialect.separator)
             if self._breaks and (not line.strip() or fields[0] in self._header_keys):
                 continue
@@ -342,51 +367,3 @@ def write(recording: Recording, path: Path) -> None:
     with path.open("wb") as file:
         arrays = {heading: arro3_core.Array(values) for heading, values in table.items()}
         arro3_io.write_csv(arro3_core.Table.from_pydict(arrays), file)
-
-
-def _read_text(path: Path) -> bytes:
-    """Return the text in UTF-8 or Latin-1, with a line feed at the end of each line."""
-    size = path.stat().st_size
-    if path.suffix.lower() == ".gz":
-        text = _unpack(path, size)
-    else:
-        require_memory(path, _BYTES_IN_MEMORY * size)
-        text = path.read_bytes()
-
-    if text[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        text = text.decode("utf-16").encode()
-    text = text.removeprefix(codecs.BOM_UTF8)
-    if b"\0" in text[:4096]:
-        raise DataError(f"{path} is a binary file, not a text table.")
-
-    if b"\r" in text:
-        text = text.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    minus_sign = "\u2212".encode()
-    return text.replace("∞".encode(), b"inf").replace(minus_sign, b"-")
-
-
-def _unpack(path: Path, size: int) -> bytes:
-    """Return the text of a gzipped file of `size` bytes, unless it is implausibly long."""
-    max_length = max(_MAX_EXPANSION * size, _UNLIMITED_TEXT_BYTES)
-    with gzip.open(path) as file:
-        text = file.read(min(max_length, memory_limit() // _BYTES_IN_MEMORY) + 1)
-    if len(text) > max_length:
-        raise DataError(
-            f"{path} unpacks to more than {_MAX_EXPANSION} times its size; it is not a measurement."
-        )
-    require_memory(path, _BYTES_IN_MEMORY * len(text))
-    return text
-
-
-def _trim_blanks(data: bytes, separator: bytes) -> bytes:
-    """Return lines without blanks around their fields; between words one blank remains."""
-    if separator != b"\t" and b"\t" in data:
-        data = data.replace(b"\t", b" ")
-    if b" " not in data:
-        return data
-
-    while b"  " in data:
-        data = data.replace(b"  ", b" ")
-    for mark in {separator, b"\n"} - {b" "}:
-        data = data.replace(b" " + mark, mark).replace(mark + b" ", mark)
-    return data.strip(b" ")

@@ -30,6 +30,7 @@ from swashtwin.foundation import (
 )
 from swashtwin.recordings.columns import BLOCK_SAMPLES, Column, number_type
 from swashtwin.recordings.formats.clock import split_at_breaks
+from swashtwin.recordings.formats.column_store import StoredColumn
 from swashtwin.recordings.formats.raw_file import (
     RawFile,
     ReadOptions,
@@ -45,7 +46,7 @@ _MIN_READ_SPEED = 2e6
 
 _MAX_OPEN_FILES = 64
 
-# Samples in memory of all open files [byte].
+# Samples in memory, or in temporary files, of all open files [byte].
 _MAX_OPEN_BYTES = 1 << 28
 
 _KEEPS_FILES_OPEN = os.name != "nt"
@@ -285,5 +286,5 @@ def _read_file(source: _Source) -> _OpenFile:
 
     size = 0
     for column in columns:
-        size += column.nbytes if isinstance(column, np.ndarray) else BLOCK_SAMPLES
+        size += column.nbytes if isinstance(column, np.ndarray | StoredColumn) else BLOCK_SAMPLES
     return _OpenFile(source, content, size)

@@ -1,24 +1,25 @@
-"""Rows of a text table whose dialect is known: columns of numbers and of short texts."""
+"""Rows of a text table whose dialect is known: columns of numbers and of time stamps."""
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from swashtwin.foundation import load_extra
+from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.arrow_arrays import doubles_of, texts_of
+from swashtwin.recordings.formats.column_store import ColumnStore
 from swashtwin.recordings.formats.dialects import MISSING
+from swashtwin.recordings.formats.time_stamps import StampReader
 
 arro3_io: Any = load_extra("arro3.io", "readers", "a text table")
 nanoarrow: Any = load_extra("nanoarrow", "readers", "a text table")
 
 MISSING_TEXTS = frozenset(text.encode() for text in MISSING)
 """`MISSING` as it stands in a file."""
-
-# Text that is parsed together: an intermediate result of it takes little memory.
-_BLOCK_BYTES = 1 << 21
 
 # Bytes of a text that are kept; a time stamp is shorter.
 _MAX_TEXT_BYTES = 64
@@ -34,59 +35,67 @@ class RowError(Exception):
 
 
 @dataclass(frozen=True)
+class ParsedRows:
+    """Columns of a table by their index."""
+
+    numbers: dict[int, Column]
+    stamps: dict[int, StampReader]
+
+
+@dataclass(frozen=True)
 class RowParser:
     """Parser of rows with `n_columns` fields.
 
     Parameters
     ----------
+    path : file of the rows, for messages.
     decimal : decimal mark, a point or a comma; a comma needs another separator.
     """
 
+    path: Path
     separator: str
     decimal: str
     n_columns: int
 
     def parse(
-        self, body: bytes, numbers: Collection[int], texts: Collection[int] = ()
-    ) -> dict[int, np.ndarray]:
+        self, blocks: Iterable[bytes], numbers: Collection[int], stamps: Collection[int] = ()
+    ) -> ParsedRows:
         """Return columns of whole lines by their index; those without any value are left out.
 
         Parameters
         ----------
+        blocks : lines without the end of the last; each has a row at least.
         numbers : indices of columns of numbers; a missing number is NaN.
-        texts : indices of columns whose texts are returned, in bytes; a missing text is empty or in
-            `MISSING_TEXTS`. Fields of all other columns may hold anything.
+        stamps : indices of columns of time stamps. Fields of all other columns may hold anything.
 
         Raises
         ------
         RowError
             A row is empty, or has more or fewer fields, or a field of `numbers` is not a number.
         """
-        n_rows = body.count(b"\n") + 1
-        columns = {column: np.empty(n_rows) for column in numbers}
+        store = ColumnStore(self.path, numbers)
         blanks = set(numbers)
-        text_blocks: dict[int, list[np.ndarray]] = {column: [] for column in texts}
+        stamp_columns = {column: StampReader() for column in stamps}
+        for block in blocks:
+            batch = self._parse_block(block, numbers, stamps)
+            fields = {column: batch.child(column) for column in numbers}
+            blanks -= {
+                column for column, field in fields.items() if field.null_count < batch.length
+            }
+            store.append(
+                {column: doubles_of(field) for column, field in fields.items()}, batch.length
+            )
+            for column, reader in stamp_columns.items():
+                reader.append(self._short_texts(batch.child(column)), MISSING_TEXTS)
 
-        row = 0
-        for block in _blocks(body):
-            batch = self._parse_block(block, numbers, texts)
-            stop = row + batch.length
-            for column, values in columns.items():
-                field = batch.child(column)
-                if field.null_count < batch.length:
-                    blanks.discard(column)
-                values[row:stop] = doubles_of(field)
-            for column, blocks in text_blocks.items():
-                blocks.append(self._short_texts(batch.child(column)))
-            row = stop
-
-        for column in blanks:
-            del columns[column]
-        for column, blocks in text_blocks.items():
-            joined = np.concatenate(blocks)
-            if any(text not in MISSING_TEXTS for text in joined):
-                columns[column] = joined
-        return columns
+        return ParsedRows(
+            {column: store.column(column) for column in numbers if column not in blanks},
+            {
+                column: reader
+                for column, reader in stamp_columns.items()
+                if reader.n_missing < reader.n_stamps
+            },
+        )
 
     def _parse_block(self, block: bytes, numbers: Collection[int], texts: Collection[int]) -> Any:
         """Return the columns of some lines as a structure of Arrow."""
@@ -181,14 +190,3 @@ def decode(data: bytes) -> str:
         return data.decode()
     except UnicodeDecodeError:
         return data.decode("latin-1")
-
-
-def _blocks(body: bytes) -> Iterator[bytes]:
-    """Yield whole lines, without the line feed of the last."""
-    start = 0
-    while start <= len(body):
-        end = body.find(b"\n", start + _BLOCK_BYTES)
-        if end < 0:
-            end = len(body)
-        yield body[start:end]
-        start = end + 1

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError, propose_setting, render_settings, spell_for_index
-from swashtwin.recordings.columns import BLOCK_SAMPLES, Column
+from swashtwin.recordings.columns import BLOCK_SAMPLES, Column, number_type
 from swashtwin.recordings.formats.raw_file import snap_rate
 
 MAX_RATE_ERROR = 5e-3
@@ -105,16 +105,16 @@ def read_times(column: Column, unit: float) -> Float[np.ndarray, " time"]:
     ----------
     unit : seconds of one unit of the column.
     """
-    blocks = [
-        np.asarray(column[start : start + BLOCK_SAMPLES])
-        for start in range(0, len(column), BLOCK_SAMPLES)
-    ]
-    counts = unwrap_counter(np.concatenate(blocks or [np.empty(0)]))
+    counts = np.empty(len(column), dtype=number_type(column))
+    for start in range(0, len(column), BLOCK_SAMPLES):
+        counts[start : start + BLOCK_SAMPLES] = column[start : start + BLOCK_SAMPLES]
+    counts = unwrap_counter(counts)
 
     # Before the conversion to floating point, which would round the steps.
     if counts.size and abs(float(counts[0]) * unit) > _EPOCH_THRESHOLD_S:
         counts = counts - counts[0]
-    return np.asarray(counts, dtype=np.float64) * unit
+    times = np.asarray(counts, dtype=np.float64)
+    return times if unit == 1 else times * unit
 
 
 def unwrap_counter(counts: np.ndarray) -> np.ndarray:
@@ -129,11 +129,13 @@ def unwrap_counter(counts: np.ndarray) -> np.ndarray:
     >>> unwrap_counter(np.array([65000, 65300, 64, 364]))
     array([65000, 65300, 65600, 65900])
     """
-    numbers = counts.astype(np.float64)
+    numbers = np.asarray(counts, dtype=np.float64)
+    falls = np.flatnonzero(numbers[1:] < numbers[:-1])
+    if not falls.size:  # most columns, which may be long
+        return counts
     steps = np.diff(numbers)
-    falls = np.flatnonzero(steps < 0)
     rises = steps[steps > 0]
-    if not falls.size or not rises.size or not np.isfinite(numbers).all():
+    if not rises.size or not np.isfinite(numbers).all():
         return counts
 
     usual_step = float(np.median(rises))
@@ -194,7 +196,12 @@ def find_restarts(time: Float[np.ndarray, " time"]) -> list[int]:
 
 def _median(values: Float[np.ndarray, " step"]) -> float:
     """Return the median of some values, spread over all."""
-    return float(np.median(values[:: 1 + len(values) // MEDIAN_SAMPLES]))
+    return float(np.median(values[:: _median_stride(len(values))]))
+
+
+def _median_stride(n_values: int) -> int:
+    """Return the distance of the values of which a median is taken."""
+    return 1 + n_values // MEDIAN_SAMPLES
 
 
 def _time_resolution(column: Column, time: Float[np.ndarray, " time"], unit: float) -> float:
@@ -242,8 +249,7 @@ def _rate(
         problem = _describe_spacing(time, steps, sample_step, resolution)
         return snap_rate(sample_step, tolerance), problem
 
-    deviation = time - mean_step * np.arange(len(time))
-    drift = float(np.abs(deviation - _median(deviation)).max())
+    drift = _drift(time, mean_step)
     if drift <= max(0.5 * mean_step, 1.01 * quantum):
         span = time[-1] - time[0]
         tolerance = max(_MIN_TOLERANCE, min(quantum, 4 * drift) / span)
@@ -264,6 +270,20 @@ def _rate(
     return rate, _describe_spacing(time, steps, median_step, quantum)
 
 
+def _drift(time: Float[np.ndarray, " time"], mean_step: float) -> float:
+    """Return the maximum deviation [s] of times from even steps."""
+    stride = _median_stride(len(time))
+    indices = np.arange(0, len(time), stride)
+    offset = float(np.median(time[::stride] - mean_step * indices))
+
+    drift = 0.0
+    for start in range(0, len(time), BLOCK_SAMPLES):
+        block = time[start : start + BLOCK_SAMPLES]
+        deviation = block - mean_step * np.arange(start, start + len(block))
+        drift = max(drift, float(np.abs(deviation - offset).max()))
+    return drift
+
+
 def _mean_step(
     time: Float[np.ndarray, " time"], steps: Float[np.ndarray, " step"], quantum: float
 ) -> float:
@@ -274,7 +294,9 @@ def _mean_step(
     span = time[-1] - time[0]
     half = len(time) // 2
     mean_step: float = span / len(steps)
-    paired_step = _median(time[half:] - time[: len(time) - half]) / half
+    stride = _median_stride(len(time) - half)
+    paired_times = time[half::stride] - time[: len(time) - half : stride]
+    paired_step = float(np.median(paired_times)) / half
     if abs(mean_step - paired_step) * len(time) > 4 * quantum + 1e-9 * span:
         return max(paired_step, 1e-300)
     return mean_step

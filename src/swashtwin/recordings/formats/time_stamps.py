@@ -1,6 +1,7 @@
 """Time stamps in text: ISO 8601, European and American dates, times of day."""
 
 import re
+from collections.abc import Collection
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
@@ -45,50 +46,77 @@ def is_date(text: str) -> bool:
     return _DATE.fullmatch(text.strip()) is not None
 
 
-def stamp_seconds(path: Path, texts: np.ndarray) -> tuple[Float[np.ndarray, " time"], str | None]:
-    """Return the seconds since the first time stamp, and that stamp in ISO 8601.
+class StampReader:
+    """Time stamps of a column, which are read block by block."""
 
-    Parameters
-    ----------
-    texts : array of bytes, which hold UTF-8.
+    def __init__(self) -> None:
+        self.n_missing = 0
+        """Texts for a missing stamp."""
+        self.n_stamps = 0
+        """All texts."""
+        self._times_of_day: list[np.ndarray] = []
+        self._run_dates: list[np.ndarray] = []
+        """Dates, each of one stamp or of several in a row: most have the date of the one before."""
+        self._run_lengths: list[np.ndarray] = []
 
-    Returns
-    -------
-    Seconds, NaN for a text that is not a time stamp; and the first stamp, None without dates. If
-    many different texts are not, further ones are not parsed.
+    def append(self, texts: np.ndarray, missing_texts: Collection[bytes]) -> None:
+        """Parse the texts of further rows.
 
-    Raises
-    ------
-    DataError
-        The dates have no common order of day, month and year.
-    """
-    time_of_day, dates = _parse_stamps(texts)
+        Parameters
+        ----------
+        texts : array of bytes, which hold UTF-8. If many different ones are not time stamps,
+            further ones are not parsed.
+        missing_texts : texts for a missing stamp.
+        """
+        time_of_day, dates = _parse_stamps(texts)
+        others = texts[np.isnan(time_of_day)].tolist()
+        self.n_missing += sum(text in missing_texts for text in others)
+        self.n_stamps += len(texts)
 
-    first_date = None
-    if not dates.any():
-        # A clock that falls by half a day or more has passed midnight.
-        is_midnight = np.diff(time_of_day, prepend=time_of_day[:1]) < -_DAY_S / 2
-        seconds = time_of_day + _DAY_S * np.cumsum(is_midnight)
-    else:
-        # Most stamps have the date of the one before.
         starts = np.flatnonzero(np.append(True, dates[1:] != dates[:-1]))
-        distinct_dates, date_of_start = np.unique(dates[starts], return_inverse=True)
-        known_dates = [date.decode() for date in distinct_dates.tolist() if date]
-        moments = _parse_dates(path, known_dates)
+        self._times_of_day.append(time_of_day)
+        self._run_dates.append(dates[starts])
+        self._run_lengths.append(np.diff(starts, append=len(dates)))
 
-        first_date = moments[dates[dates != b""][0].decode()]
-        days = {date.encode(): (moment - first_date).days for date, moment in moments.items()}
-        distinct_days = np.array([days.get(date, np.nan) for date in distinct_dates.tolist()])
-        day_of_stamp = np.repeat(distinct_days[date_of_start], np.diff(starts, append=len(dates)))
-        seconds = day_of_stamp * _DAY_S + time_of_day
+    def seconds(self, path: Path) -> tuple[Float[np.ndarray, " time"], str | None]:
+        """Return the seconds since the first time stamp, and that stamp in ISO 8601.
 
-    finite_seconds = seconds[np.isfinite(seconds)]
-    first_second = float(finite_seconds[0]) if finite_seconds.size else 0.0
-    start = None
-    if finite_seconds.size and first_date is not None:
-        first_us = np.timedelta64(round(first_second * 1e6), "us")
-        start = str(np.datetime64(first_date, "us") + first_us)
-    return np.round(seconds - first_second, 9), start
+        Returns
+        -------
+        Seconds, NaN for a text that is not a time stamp; and the first stamp, None without dates.
+
+        Raises
+        ------
+        DataError
+            The dates have no common order of day, month and year.
+        """
+        time_of_day = np.concatenate(self._times_of_day)
+        run_dates = np.concatenate(self._run_dates)
+
+        first_date = None
+        if not run_dates.any():
+            # A clock that falls by half a day or more has passed midnight.
+            is_midnight = np.diff(time_of_day, prepend=time_of_day[:1]) < -_DAY_S / 2
+            seconds = time_of_day + _DAY_S * np.cumsum(is_midnight)
+        else:
+            distinct_dates, date_of_run = np.unique(run_dates, return_inverse=True)
+            known_dates = [date.decode() for date in distinct_dates.tolist() if date]
+            moments = _parse_dates(path, known_dates)
+
+            first_date = moments[run_dates[run_dates != b""][0].decode()]
+            days = {date.encode(): (moment - first_date).days for date, moment in moments.items()}
+            distinct_days = np.array([days.get(date, np.nan) for date in distinct_dates.tolist()])
+            run_days = distinct_days[date_of_run]
+            day_of_stamp = np.repeat(run_days, np.concatenate(self._run_lengths))
+            seconds = day_of_stamp * _DAY_S + time_of_day
+
+        finite_seconds = seconds[np.isfinite(seconds)]
+        first_second = float(finite_seconds[0]) if finite_seconds.size else 0.0
+        start = None
+        if finite_seconds.size and first_date is not None:
+            first_us = np.timedelta64(round(first_second * 1e6), "us")
+            start = str(np.datetime64(first_date, "us") + first_us)
+        return np.round(seconds - first_second, 9), start
 
 
 def _parse_stamps(texts: np.ndarray) -> tuple[Float[np.ndarray, " time"], np.ndarray]:

@@ -367,7 +367,7 @@ def test_all_frequencies_of_a_recording_are_shown_on_request(reader: TestClient)
 
     text = reader.get("/recordings/34?axis=frequency").text
     (figure, *_) = drawings(text)
-    assert figure.get("aria-label") == "x [m/s^2] over frequency [Hz]"
+    assert figure.get("aria-label") == "x [m/s²] over frequency [Hz]"
     assert figure.get("data-x").split()[1] == "3200.0"
     assert 'href="?#spectrum"' in text
 

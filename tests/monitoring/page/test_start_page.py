@@ -97,7 +97,7 @@ def test_machines_that_need_attention_come_first_whatever_their_site(client: Tes
                 "Severity: clearance 24 µm (18 to 31), detected, on",
                 "Why: +13.7 dB at shaft order 9 (225 Hz), channel x",
                 "Measure the case drain flow",
-                "last 14 spreads",
+                "now 14 times the healthy spread",
                 "Last recording",
             ),
             id="alarm with a suspect and its severity",

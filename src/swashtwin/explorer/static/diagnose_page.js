@@ -279,6 +279,17 @@ function uncertainty(diagnosis) {
   return element("section", {}, parts);
 }
 
+/**
+ * Return a probability in percent, never rounded down to 0 or up to 100 %, as in the reports.
+ *
+ * @param {number} share
+ */
+function formatShare(share) {
+  if (share > 0 && share < 0.005) return "< 1 %";
+  if (share < 1 && share >= 0.995) return "> 99 %";
+  return `${Math.round(100 * share)} %`;
+}
+
 /** @param {[string, number][]} shares */
 function probabilityTable(shares) {
   const rows = shares.map(([label, share]) => {
@@ -289,7 +300,7 @@ function probabilityTable(shares) {
       {},
       element("th", { scope: "row" }, name),
       element("td", {}, meter),
-      element("td", { class: "number" }, `${Math.round(100 * share)} %`),
+      element("td", { class: "number" }, formatShare(share)),
     );
   });
   return element("table", { class: "shares" }, element("tbody", {}, rows));

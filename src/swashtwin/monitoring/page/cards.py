@@ -156,7 +156,7 @@ def build_card(standing: Standing, scores: Sequence[ScoredRecording], now: datet
         spark = draw_spark(compared, opening_times)
         period = format_duration(compared[-1].time - compared[0].time)
         newest_score = [row.score for row in compared if row.score is not None][-1]
-        caption = f"Deviation over {period}, last {number(newest_score, 2)} spreads"
+        caption = f"Deviation over {period}, now {number(newest_score, 2)} times the healthy spread"
 
     return Card(
         standing,
@@ -247,7 +247,10 @@ def _read_severity(alarm: Alarm | None) -> Severity | None:
     low, high = (number(end, 2) for end in severity["interval"])
     value = number(severity["value"], 2)
     name = severity["dimension"].replace("_", " ")
-    text = f"{name} {value} {severity['unit']} ({low} to {high}), {severity['verdict']}"
+    text = f"{name} {value} {severity['unit']} ({low} to {high})"
+    # An interval alone states that a severity is identified; any other verdict is a reservation.
+    if severity["verdict"] != "identified":
+        text += f", {severity['verdict']}"
     return Severity(text, datetime.fromisoformat(severity["time"]))
 
 

@@ -314,4 +314,4 @@ def with_unit(quantity: str, unit: str) -> str:
     """Return a title with its unit."""
     if not unit:
         return quantity
-    return f"{quantity} [{unit}]"
+    return f"{quantity} [{unit.replace('^2', '²')}]"

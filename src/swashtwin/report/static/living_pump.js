@@ -57,6 +57,8 @@ const BOTTOM = 20;
 const DOT = 4;
 /** Width of a measured waveform, over which that of the twin is drawn. */
 const MEASURED_WIDTH = 3;
+/** Distance of the middles of two names below which they would touch. */
+const MIN_NAME_DISTANCE = 88;
 /** Size below which a page has not laid out its figures yet. */
 const MIN_SIZE = 80;
 
@@ -417,8 +419,10 @@ export class LivingPump {
     pen.fillStyle = ink.soft;
     pen.textAlign = "center";
     const below = section.height / 2 + scale * half + 14;
-    pen.fillText("swash plate", x - 0.25 * scale * radius, below);
-    pen.fillText("cylinder block", x + 0.5 * scale * (front + plate), below);
+    const plateName = x - 0.25 * scale * radius;
+    const blockName = x + 0.5 * scale * (front + plate);
+    pen.fillText("swash plate", plateName, below);
+    pen.fillText("cylinder block", Math.max(blockName, plateName + MIN_NAME_DISTANCE), below);
     pen.fillText(
       "valve plate",
       Math.min(x + scale * plate, section.width - 34),
@@ -627,7 +631,8 @@ export class LivingPump {
     const rim = 1.3 * outer;
 
     face.clear();
-    const scale = Math.min(face.width, face.height - 36) / (2 * rim + 6);
+    // Sensors on the rim need some pixels beyond it.
+    const scale = Math.min(face.width - 14, face.height - 36) / (2 * rim);
     face.useMillimeters(scale, face.width / 2, face.height / 2);
     pen.strokeStyle = ink.edge;
     pen.fillStyle = ink.housing;

@@ -207,6 +207,7 @@ def test_a_slipper_that_bounces_differently_each_revolution_is_refused(
     pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lost_contact, "MAX_REVOLUTIONS", 1)
+    lost_contact.loose_motion.cache_clear()
     with pytest.raises(SwashTwinError, match="does not repeat within 1 revolutions"):
         loose_slipper_lines(LOOSE, pump, at_15, 10)
 

@@ -264,7 +264,7 @@ def _build_page(demo: Demo) -> tuple[Part, Part]:
     """
     diagnosis = build_part(demo.diagnoses[WITH][demo.shown_index], "diagnosis")
     study = build_study_part(demo.study, "study")
-    counts, limit, shown = summarize_demo(demo)
+    counts, caveat, correctness = summarize_demo(demo)
 
     comparison = Section(
         SectionOrder.VERDICT, "With and without twins", (counts, _build_comparison(demo))
@@ -284,13 +284,13 @@ def _build_page(demo: Demo) -> tuple[Part, Part]:
             f"{demo.count_correct(WITH)} of {len(demo.labels)} recordings correct with twins, "
             f"{demo.count_correct(WITHOUT)} without"
         ),
-        answer=(limit,),
+        answer=(caveat,),
         notice=diagnosis.notice,
         glance=(_build_counts(demo),),
         sections=(comparison, scores, *study_sections),
         results=study.results,
     )
-    return answer, replace(diagnosis, answer=(shown, *diagnosis.answer))
+    return answer, replace(diagnosis, answer=(correctness, *diagnosis.answer))
 
 
 def _build_counts(demo: Demo) -> Table:

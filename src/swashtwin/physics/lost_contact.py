@@ -230,8 +230,11 @@ def _tables(
     )
 
 
+@lru_cache(maxsize=2)
 def loose_motion(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> LooseMotion:
     """Return the motion of the loose piston once it repeats.
+
+    The last ones are cached: lines and drawing of a twin need the same.
 
     Raises
     ------
@@ -245,7 +248,7 @@ def loose_motion(pump: Pump, condition: OperatingCondition, fault: LooseSlipper)
     step = condition.period / n_steps
     loose_acceleration = (np.roll(loose[1], -1) - loose[1]) / step
     tight_acceleration = (np.roll(tight[1], -1) - tight[1]) / step
-    return LooseMotion(
+    motion = LooseMotion(
         angle=_angles(n_steps),
         displacement=loose[0],
         velocity=loose[1],
@@ -253,6 +256,10 @@ def loose_motion(pump: Pump, condition: OperatingCondition, fault: LooseSlipper)
         extra_acceleration=loose_acceleration - tight_acceleration,
         extra_pressure=loose[2] - tight[2],
     )
+    # The arrays are cached, and shared by all callers.
+    for values in vars(motion).values():
+        values.flags.writeable = False
+    return motion
 
 
 @lru_cache(maxsize=2)

@@ -240,7 +240,9 @@ def spectrum(
             )
 
     axes[0, 0].set_xlim(0, end)
-    axes[-1, 0].set_xlabel(f"{first.axis} [{first.axis_unit or '1'}]")
+    # An order counts turns of the shaft, and has no unit.
+    x_label = f"{first.axis} [{first.axis_unit}]" if first.axis_unit else f"shaft {first.axis}"
+    axes[-1, 0].set_xlabel(x_label)
     if marks:
         _name_marks(figure, axes[0, 0], marks, gap=0.035 * end)
     if len(spectra) > 1:

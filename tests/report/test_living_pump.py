@@ -69,6 +69,18 @@ def test_a_machine_without_a_pump_file_gets_a_pump_of_its_number_of_pistons() ->
     assert "a pump like 25scy14-1b with 9 pistons" in block.caption
 
 
+def test_a_pump_is_shown_in_bar() -> None:
+    (in_mpa,) = build_living_pumps("piston")
+    (in_bar,) = build_living_pumps("piston", pressure_unit="bar")
+
+    assert in_bar.content["pressureUnit"] == "bar"
+    for name in ("chamber", "discharge"):
+        pressures = unpacked(in_mpa.content[name])
+        assert unpacked(in_bar.content[name]) == pytest.approx(10 * pressures), name
+    assert "150 bar" in in_bar.caption
+    assert "15 MPa" in in_mpa.caption
+
+
 def test_no_name_ends_the_element_that_holds_the_numbers() -> None:
     html = LivingPump({"name": "</script><b>"}, "A <caption>").html
     numbers = re.findall(r'json">(.*?)</script>', html)

@@ -14,6 +14,7 @@ from swashtwin.foundation import um
 from swashtwin.physics import Twin, solve_turn
 from swashtwin.pump import FAULT_KINDS, OperatingCondition, PistonWear, Pump
 from swashtwin.report import LivingPump, build_living_pumps, describe_turn
+from swashtwin.report.living_pump import load_pump_source
 
 STATIC = Path(report.__file__).parent / "static"
 
@@ -87,6 +88,13 @@ def test_no_name_ends_the_element_that_holds_the_numbers() -> None:
 
     assert [json.loads(text) for text in numbers] == [{"name": "</script><b>"}]
     assert "A &lt;caption&gt;" in html
+
+
+def test_the_script_within_a_page_is_short() -> None:
+    script = load_pump_source("js")
+    assert len(script.encode()) <= 25_000
+    assert "/*" not in script
+    assert "export class LivingPump {" in script
 
 
 def test_script_and_style_need_nothing_from_elsewhere() -> None:

@@ -269,7 +269,7 @@ def _build_page(demo: Demo) -> tuple[Part, Part]:
     comparison = Section(
         SectionOrder.VERDICT, "With and without twins", (counts, _build_comparison(demo))
     )
-    scores = Section(SectionOrder.SCORES, "Both splits and classifiers", study.glance)
+    scores = Section(SectionOrder.SCORES, "Both classifiers on unseen pumps", study.glance)
 
     study_sections = []
     for section in study.sections:

@@ -5,6 +5,7 @@
 
 import base64
 import math
+import re
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache, singledispatch
 from importlib import resources
@@ -56,6 +57,9 @@ DRAWN_SIZE_MM = 4.0
 
 _LARGEST_INTEGER = 32767
 
+# A comment of script or style; no text of them contains its signs.
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+
 
 @dataclass(frozen=True, eq=False)
 class LivingPump:
@@ -81,9 +85,14 @@ class LivingPump:
 
 @cache
 def load_pump_source(suffix: Literal["js", "css"]) -> Markup:
-    """Return the script or the style of `LivingPump.html`, for a page that needs no other file."""
+    """Return the script or the style of `LivingPump.html`, for a page that needs no other file.
+
+    Comments and indentation, a third of the script, are left out: every page holds a copy.
+    """
     file = resources.files("swashtwin.report") / "static" / f"living_pump.{suffix}"
-    return Markup(file.read_text(encoding="utf-8"))
+    source = _COMMENT.sub("", file.read_text(encoding="utf-8"))
+    lines = [line.strip() for line in source.splitlines()]
+    return Markup("\n".join(line for line in lines if line and not line.startswith("//")))
 
 
 SHIPPED_PUMP = "25scy14-1b"

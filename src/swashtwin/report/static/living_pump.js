@@ -309,10 +309,13 @@ export class LivingPump {
     const reading = format(valueAt(this.waveform[this.sensor], this.angle));
     const measured = this.measured[this.sensor];
     const unit = this.content.pressureUnit;
+    const name = this.content.sensors[this.sensor].name;
+    const readings = measured
+      ? `${name}: twin ${reading}, measured ${format(valueAt(measured, this.angle))} m/s²`
+      : `${name} ${reading} m/s²`;
     const text =
-      `${degrees}°: chamber ${this.tracked + 1} ${pressure} ${unit}, outlet ${line} ${unit}, ` +
-      `${this.content.sensors[this.sensor].name} ${reading} m/s²` +
-      (measured ? `, measured ${format(valueAt(measured, this.angle))} m/s²` : "");
+      `${degrees}°: chamber ${this.tracked + 1} ${pressure} ${unit}, ` +
+      `outlet ${line} ${unit}, ${readings}`;
     this.output.textContent = text;
     this.handle.setAttribute("aria-valuetext", text);
     this.handle.value = degrees;
@@ -632,7 +635,7 @@ export class LivingPump {
 
     face.clear();
     // Sensors on the rim need some pixels beyond it.
-    const scale = Math.min(face.width - 14, face.height - 36) / (2 * rim);
+    const scale = Math.min(face.width - 14, face.height - 48) / (2 * rim);
     face.useMillimeters(scale, face.width / 2, face.height / 2);
     pen.strokeStyle = ink.edge;
     pen.fillStyle = ink.housing;

@@ -76,11 +76,12 @@ class Side:
     def sizes(self) -> dict[str, float]:
         """Megabytes of what is installed, and of the largest packages."""
         each: dict[str, float] = {}
+        code = 0.0
         for path in self.packages.rglob("*"):
             name = path.relative_to(self.packages).parts[0].partition(".")[0].partition("-")[0]
             if path.is_file() and name not in ("pip", "setuptools", "pkg_resources"):
                 each[name] = each.get(name, 0) + path.stat().st_size / 1e6
-        code = sum(path.stat().st_size for path in self.packages.rglob("*.pyc")) / 1e6
+                code += path.stat().st_size / 1e6 if path.suffix == ".pyc" else 0.0
         largest = dict(sorted(each.items(), key=lambda item: -item[1])[:12])
         return {"site_packages_mb": sum(each.values()), "bytecode_mb": code, **largest}
 
@@ -149,7 +150,7 @@ def compare(
             )
             index.replace(recordings / f"{name}.toml")  # each has its own words
     measure("import_cpu_s", "-c", "import swashtwin")
-    measure("train_cpu_s", *shell, "train", training / "SIDE.toml", "--out", model)
+    measure("train_cpu_s", *shell, "train", training / "SIDE.toml", "--out", model, "--force")
     for _ in range(2):  # the second time with what the first has compiled
         measure("diagnose_cpu_s", *shell, "diagnose", model, first, *FACTS)
     measure("folder_cpu_s", *shell, "diagnose", model, new / "SIDE.toml")

@@ -80,6 +80,43 @@ def test_help_loads_few_modules_and_no_heavy_library() -> None:
     assert len(modules) <= 450
 
 
+NOT_AT_A_PLANT = ("torch", "numba", "sklearn", "matplotlib", "PIL", "fontTools", "pandas", "onnx")
+"""Libraries that neither an inspection nor a watch without a model loads."""
+
+
+def loaded_libraries(code: str) -> set[str]:
+    """Return those of `NOT_AT_A_PLANT` that a process has loaded after it ran `code`."""
+    process = subprocess.run(
+        [sys.executable, "-c", f"import sys\n{code}\nprint(*sys.modules, file=sys.stderr)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return set(NOT_AT_A_PLANT) & set(process.stderr.split())
+
+
+def test_an_inspection_loads_no_library_for_figures_or_networks(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t [s],x [g]\n" + "".join(f"{k},{k % 7}\n" for k in range(99)))
+
+    code = (
+        f"sys.argv = ['swashtwin', 'inspect', {str(tmp_path / 'a.csv')!r}]\n"
+        "from swashtwin.cli import main\n"
+        "try: main()\n"
+        "except SystemExit: pass"
+    )
+
+    assert loaded_libraries(code) == set()
+
+
+def test_a_watch_and_its_pages_load_no_library_for_figures_or_networks() -> None:
+    pytest.importorskip("sqlalchemy")
+    pytest.importorskip("fastapi")
+
+    code = "import swashtwin.monitoring.page.server, swashtwin.monitoring.service.running"
+
+    assert loaded_libraries(code) == set()
+
+
 def command_paths(command: Any, *names: str) -> list[tuple[str, ...]]:
     """Return the words of each command below a group, or of the command itself."""
     subcommands = getattr(command, "commands", None)

@@ -3,6 +3,7 @@
 from .figures import confusion as confusion
 from .figures import format_unit as format_unit
 from .figures import spectrum as spectrum
+from .labels import format_label as format_label
 from .phone import fit_to_phone as fit_to_phone
 from .style import CALIBRATED as CALIBRATED
 from .style import INTERFACE_COLORS as INTERFACE_COLORS
@@ -13,6 +14,5 @@ from .style import ON_DARK as ON_DARK
 from .style import ON_SHADE as ON_SHADE
 from .style import create_panels as create_panels
 from .style import figure_style as figure_style
-from .style import format_label as format_label
 from .style import label_log_axis as label_log_axis
 from .style import series_colors as series_colors

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from swashtwin.foundation import InputError
+from swashtwin.plot.labels import format_label
 from swashtwin.plot.style import (
     CALIBRATED,
     MEASURED,
@@ -20,7 +21,6 @@ from swashtwin.plot.style import (
     WIDTH,
     create_panels,
     figure_style,
-    format_label,
     label_log_axis,
     spread_labels,
 )

@@ -1,4 +1,4 @@
-"""Colors, settings, panels, axes and labels that all figures share.
+"""Colors, settings, panels and axes that all figures share.
 
 A color means the same everywhere.
 
@@ -19,8 +19,6 @@ import numpy as np
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
-
-from swashtwin.foundation import escape_controls
 
 MEASURED = "#4d4d4d"
 NOMINAL = "#e69f00"
@@ -193,8 +191,3 @@ def label_log_axis(axis: Axis) -> None:
     axis.set_major_locator(LogLocator(subs=steps))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
-
-
-def format_label(label: str) -> str:
-    """Return the name of a class, a sensor or a setting in words, without control characters."""
-    return escape_controls(label.replace("_", " "))

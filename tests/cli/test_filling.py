@@ -1,9 +1,11 @@
 """Twins that fill what recordings lack, on the command line: synthesize and train."""
 
+import shutil
 from pathlib import Path
 
 import pytest
 from commandline import one_line, run, run_json
+from plant import Plant
 
 from swashtwin.foundation import MPa, mm
 from swashtwin.learning import load_windows
@@ -144,6 +146,35 @@ def test_a_healthy_class_of_another_name_is_refused(rig: Path, tmp_path: Path) -
     options = ("--fault-of", "as new=normal", "--out", tmp_path / "filled.safetensors")
     line = one_line(run("synthesize", PUMP, "--like", rig, *options, code=3))
     assert "Label healthy recordings normal" in line
+
+
+def test_an_unknown_fault_is_reported_with_its_class(rig: Path) -> None:
+    line = one_line(run("train", rig, "--twin", PUMP, "--fault-of", "ice=glace", code=3))
+    assert "The class 'ice' stands for 'glace'. Invalid fault 'glace': must be one of" in line
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        pytest.param(
+            "fill.h5",
+            "holds synthetic windows, not a twin: add them with train --add",
+            id="windows",
+        ),
+        pytest.param("recordings.h5", "is not a twin", id="recordings"),
+        pytest.param("model.safetensors", "holds a classifier, not a twin", id="model"),
+    ],
+)
+def test_another_file_in_place_of_a_twin_is_reported(
+    name: str, reason: str, rig: Path, plant: Plant, tmp_path: Path
+) -> None:
+    originals = {"fill.h5": plant.synthetic, "recordings.h5": plant.worn}
+    shutil.copy(originals.get(name, plant.model), tmp_path / name)
+
+    line = one_line(run("train", rig, "--twin", tmp_path / name, code=3))
+
+    assert f"{name} {reason}. A twin is a calibration (.json" in line
+    assert "or one of 25scy14-1b" in line
 
 
 def test_a_missing_calibration_is_reported(rig: Path) -> None:

@@ -173,7 +173,7 @@ def test_no_command_replaces_a_file_that_it_reads_even_by_force(
         ),
     ],
 )
-def test_a_command_replaces_its_earlier_output_but_no_file_of_the_user(
+def test_a_command_replaces_a_file_of_the_user_or_its_earlier_output_only_by_force(
     line: str, output: str, files: Path
 ) -> None:
     arguments = line.split()
@@ -185,7 +185,8 @@ def test_a_command_replaces_its_earlier_output_but_no_file_of_the_user(
     assert target.read_text() == "mine"
 
     run(*arguments, "--force")
-    assert target.read_bytes() != b"mine"
+    written = target.read_bytes()
+    assert written != b"mine"
 
-    # now without --force
-    run(*arguments)
+    assert "Overwrite it with --force" in one_line(run(*arguments, code=3))
+    assert target.read_bytes() == written

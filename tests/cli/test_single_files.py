@@ -315,7 +315,7 @@ def test_calibrated_confidence_reports_how_many_validation_recordings_it_needs(
     folder: Path, tmp_path: Path
 ) -> None:
     out = ("--out", tmp_path / "c.safetensors")
-    command = ("train", folder, *out, *WINDOW, "--test-fraction", 0, *TINY)
+    command = ("train", folder, *out, "--force", *WINDOW, "--test-fraction", 0, *TINY)
 
     # a model without confidence is trained, with a note how to get it
     without_validation = " ".join(run(*command).stderr.split())

@@ -378,7 +378,7 @@ def test_the_commands_go_from_a_plant_s_faults_to_another_machine(folder: Path) 
     assert "21 that the model was trained on" in " ".join(refused.stderr.split())
     known = run("diagnose", model, folder / "plant" / "A 4.h5", "--json", code=4)
     assert "No healthy recording is of the machine A" in known.stdout
-    twice = (*arguments, "--library", folder / "a.safetensors", "--out", model)
+    twice = (*arguments, "--library", folder / "a.safetensors", "--out", model, "--force")
     refused = run("model", "adapt", *twice, code=3)
     assert "hold a recording twice" in " ".join(refused.stderr.split())
 

@@ -449,7 +449,8 @@ def test_the_commands_train_evaluate_and_diagnose_with_a_confidence(
     assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
 
     fractions = ("--validation-fraction", 0.3, "--test-fraction", 0.4)
-    errors = run("train", folder, *fractions, *out, *shape, "--set", "epochs=1").stderr
+    again = ("--set", "epochs=1", "--force")
+    errors = run("train", folder, *fractions, *out, *shape, *again).stderr
     assert (
         "An error rate of 0.1 needs 9 validation recordings, and a share of 0.3 is about" in errors
     )

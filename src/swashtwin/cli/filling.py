@@ -9,6 +9,7 @@ import typer
 
 from swashtwin.cli.console import print_note, print_rows, progress, require_existing
 from swashtwin.cli.options import fault_dimensions, fault_from
+from swashtwin.foundation import InputError
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Calibration
@@ -62,10 +63,33 @@ def load_twin_sources(sources: Sequence[str]) -> "list[Calibration | Pump]":
     from swashtwin.pump import load_pump
 
     require_existing([Path(source) for source in sources if is_calibration(source)])
+    for source in sources:
+        _require_twin(source)
     return [
         load_calibration(source) if is_calibration(source) else load_pump(source)
         for source in sources
     ]
+
+
+def _require_twin(source: str) -> None:
+    """Raise an error if a text names a file that is neither a calibration nor a pump."""
+    from swashtwin.foundation import artifact_kind
+    from swashtwin.pump import available_pumps
+
+    path = Path(source)
+    if is_calibration(source) or path.suffix == ".toml" or not path.exists():
+        return  # they, or an unknown name, are refused by what reads them
+    if source in available_pumps():
+        return
+
+    kind = artifact_kind(source) if path.is_file() else ""
+    what = f"holds a {kind}, not a twin" if kind else "is not a twin"
+    if kind == "window set":
+        what = "holds synthetic windows, not a twin: add them with train --add"
+    raise InputError(
+        f"{source} {what}. A twin is a calibration (.json, written by calibrate), a pump file "
+        f"(.toml), or one of {', '.join(available_pumps())}."
+    )
 
 
 def read_fault_texts(texts: Sequence[str] | None) -> dict[str, list[str]]:
@@ -109,8 +133,8 @@ def build_filling(
 
     fault_of: dict[str, list[Fault | str]] = {}
     for label, texts in fault_texts.items():
-        # A text that names no fault is refused by the filling.
-        faults = [fault_from(text) or text for text in texts]
+        # A text for a healthy pump is refused by the filling.
+        faults = [_fault_of_class(label, text) or text for text in texts]
         if not (is_healthy(label) and all(map(is_healthy, texts))):
             fault_of[label] = faults
     return Filling(
@@ -120,6 +144,14 @@ def build_filling(
         fault_of=fault_of,
         seed=seed,
     )
+
+
+def _fault_of_class(label: str, text: str) -> "Fault | None":
+    """Return the fault that a text describes, with errors that name the class."""
+    try:
+        return fault_from(text)
+    except InputError as cause:
+        raise cause.with_context(f"The class {label!r} stands for {text!r}. ") from cause
 
 
 def print_plan(plan: "FillingPlan") -> None:

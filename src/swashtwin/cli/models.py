@@ -26,7 +26,6 @@ from swashtwin.cli.options import (
 from swashtwin.cli.outputs import (
     Force,
     Report,
-    artifact_marks,
     describe_model_file,
     require_output,
     require_page,
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
     from swashtwin.learning import ConfidenceScores, Scores
     from swashtwin.recordings import Recording
 
-_PRIOR_MARKS = artifact_marks("prior classifier")
 _LIBRARY_KIND = "change library"
 
 # Virtual pumps up to which starting further processes takes longer than it saves.
@@ -244,7 +242,7 @@ def export(
     """Write a classifier as an ONNX file, which runs without torch and without swashtwin."""
     from swashtwin.diagnosis import export_onnx, load_classifier
 
-    require_output(out, suffixes=[".onnx"], inputs=[model], marks=["swashtwin"], force=force)
+    require_output(out, suffixes=[".onnx"], inputs=[model], force=force)
     classifier = load_classifier(model)
     with progress("writing ONNX"):
         export_onnx(classifier, out)
@@ -300,9 +298,7 @@ def prior(
     from swashtwin.pump import load_pump
     from swashtwin.synthesis import PumpPrior, operating_range, simulate_changes
 
-    require_output(
-        out, suffixes=[".safetensors"], inputs=[Path(pump)], marks=_PRIOR_MARKS, force=force
-    )
+    require_output(out, suffixes=[".safetensors"], inputs=[Path(pump)], force=force)
     distribution = PumpPrior(pump=load_pump(pump))
     speed, pressure = operating_range(distribution.pump, distribution)
     n_jobs = -1 if count > _MAX_PUMPS_IN_ONE_PROCESS else 1
@@ -384,7 +380,6 @@ def adapt(
         out,
         suffixes=[".safetensors"],
         inputs=[Path(design), source, *libraries],
-        marks=_PRIOR_MARKS,
         force=force,
     )
     if Path(design).is_dir() or Path(design).suffix == ".toml":
@@ -488,7 +483,6 @@ def library(
         out,
         suffixes=[".safetensors"],
         inputs=[*sources, Path(pump)],
-        marks=artifact_marks(_LIBRARY_KIND),
         force=force,
     )
     parts = []

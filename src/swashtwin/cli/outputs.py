@@ -22,20 +22,6 @@ Report = Annotated[
     typer.Option(help="Report to write: a folder for report.html and its data, or one .html file."),
 ]
 
-FIGURE = "<!-- figure of swashtwin -->"
-"""Text in each SVG file of swashtwin, by which it is recognized."""
-
-# Text in each report page.
-_PAGE = "<footer>Written by swashtwin"
-
-# Start of a file in which its mark is searched; the card of a model lies within it.
-_SEARCHED_BYTES = 4_000_000
-
-
-def artifact_marks(*kinds: str) -> list[str]:
-    """Return the texts by which saved artifacts of these kinds are recognized."""
-    return [rf"\"kind\": \"{kind}\"" for kind in kinds]
-
 
 def require_folder(path: Path | None) -> Path | None:
     """Return the path unless no folder can exist there or it is not writable."""
@@ -48,13 +34,12 @@ def require_output(
     *paths: Path | None,
     suffixes: Sequence[str] = (),
     inputs: Iterable[Path | None] = (),
-    marks: Sequence[str] = (),
     force: bool = False,
 ) -> None:
     """Raise an error if a file must not be written, before the work for it begins.
 
     A file must not be written if it is an input of the command, if it is not writable, or if it
-    exists and something else than this command wrote it.
+    exists and `force` is not given.
 
     Parameters
     ----------
@@ -62,9 +47,7 @@ def require_output(
     suffixes : allowed suffixes; all by default.
     inputs : files, indexes and folders that the command reads. Neither they nor the files that they
         name are ever overwritten, not even with `force`.
-    marks : texts by which a file is recognized that the same command wrote; such a file may be
-        overwritten.
-    force : overwrite any other file too.
+    force : overwrite a file that exists.
 
     Raises
     ------
@@ -90,7 +73,7 @@ def require_output(
                 f"{path} is an input of this command and would be lost. Specify another file."
             )
 
-        if path.exists() and not force and not _contains_any(path, marks):
+        if path.exists() and not force:
             raise InputError(f"{path} exists. Overwrite it with --force, or specify another file.")
 
 
@@ -99,13 +82,13 @@ def require_page(
 ) -> None:
     """Raise an error if the page of ``--report`` must not be written, like `require_output`."""
     if target is None or target.suffix == ".html":
-        require_output(target, inputs=inputs, marks=[_PAGE], force=force)
+        require_output(target, inputs=inputs, force=force)
         return
 
     require_folder(target)
     page = target / "report.html"
     given_inputs = list(inputs)
-    require_output(page, inputs=given_inputs, marks=[_PAGE], force=force)
+    require_output(page, inputs=given_inputs, force=force)
 
     # Data and figures beside a page of swashtwin belong to it.
     figures = [path for path in (target / "figures").glob("*") if path.is_file()]
@@ -121,14 +104,6 @@ def _require_writable(folder: Path, expected: str) -> None:
         raise InputError(f"{existing} is a file. Specify {expected}.")
     if not os.access(existing, os.W_OK):
         raise InputError(f"{existing} is not writable. Specify another folder.")
-
-
-def _contains_any(path: Path, marks: Sequence[str]) -> bool:
-    if not marks:
-        return False
-    with path.open("rb") as file:
-        start = file.read(_SEARCHED_BYTES)
-    return any(mark.encode() in start for mark in marks)
 
 
 def _files_of(paths: Iterable[Path]) -> Iterator[Path]:

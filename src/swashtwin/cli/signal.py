@@ -20,7 +20,7 @@ from swashtwin.cli.console import (
     print_text,
 )
 from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, read_list, reads_files
-from swashtwin.cli.outputs import FIGURE, Force, require_output
+from swashtwin.cli.outputs import Force, require_output
 from swashtwin.cli.sources import load_sources
 from swashtwin.foundation import plural
 
@@ -58,7 +58,6 @@ Track = Annotated[
 ]
 
 # Start of a table of indicators, by which it is recognized.
-_TABLE_MARK = "recording,channel,class,specimen,date,speed [rpm],pressure [MPa],"
 
 _NO_ZONE = "No ISO zone is printed: ISO 20816 and 10816 do not cover axial piston pumps."
 
@@ -158,7 +157,7 @@ def features(
     from swashtwin.foundation import file_stamp, write_text
     from swashtwin.recordings import source_files
 
-    require_output(out, suffixes=[".csv"], inputs=source, marks=[_TABLE_MARK], force=force)
+    require_output(out, suffixes=[".csv"], inputs=source, force=force)
     shaft = Shaft(tachometer, track)
     recordings = load_sources(source, **reading_options)
 
@@ -535,6 +534,6 @@ def _resume_results(
 def _require_figure(figure: Path, sources: list[Path], force: bool) -> Path:
     """Return the CSV file beside a figure; raise an error if either must not be written."""
     csv_file = figure.with_name(f"{figure.stem}-data.csv")
-    require_output(figure, suffixes=[".svg"], inputs=sources, marks=[FIGURE], force=force)
+    require_output(figure, suffixes=[".svg"], inputs=sources, force=force)
     require_output(csv_file, inputs=sources, force=force or figure.exists())
     return csv_file

@@ -36,7 +36,7 @@ from swashtwin.cli.options import (
     Speed,
     fault_from,
 )
-from swashtwin.cli.outputs import Force, artifact_marks, require_output
+from swashtwin.cli.outputs import Force, require_output
 from swashtwin.foundation import parse_quantity, plural, shell_command
 
 if TYPE_CHECKING:
@@ -446,7 +446,7 @@ def synthesize(
 
     inputs = [*twin_files(twins), like]
     require_existing(inputs)
-    require_output(out, inputs=inputs, marks=artifact_marks("window set"), force=force)
+    require_output(out, inputs=inputs, force=force)
     job = _WindowJob(like=like, out=out, window=window, seed=seed, as_json=as_json)
     if not is_single_class:
         fault_texts = collect_fault_texts(like, fault_of)

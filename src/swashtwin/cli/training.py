@@ -38,7 +38,7 @@ from swashtwin.cli.options import (
     defaults_of,
     read_settings,
 )
-from swashtwin.cli.outputs import Force, artifact_marks, require_output
+from swashtwin.cli.outputs import Force, require_output
 from swashtwin.foundation import plural, shell_command
 
 if TYPE_CHECKING:
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from swashtwin.recordings import Recordings
     from swashtwin.synthesis import FillingPlan
 
-_MODEL_MARKS = artifact_marks("classifier", "anomaly detector")
 DEFAULT_TEST_FRACTION = 0.2
 """Share of the recordings that is held out for ``evaluate``, the usual split of 80 to 20."""
 
@@ -147,7 +146,7 @@ def train(
 
     synthetic_files = add or []
     inputs = [source, *synthetic_files, *twin_files(twin or ())]
-    require_output(out, inputs=inputs, marks=_MODEL_MARKS, force=force)
+    require_output(out, inputs=inputs, force=force)
     require_existing(synthetic_files)
     recipe = {} if is_selected_by_trials else _recipe(network, settings, preset, window)
     synthetic = [load_windows(path) for path in synthetic_files]

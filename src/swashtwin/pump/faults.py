@@ -425,7 +425,7 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
         )
     if kind not in FAULT_KINDS:
         register_installed_faults()
-    name = kind if kind in FAULT_KINDS else canonical_label(kind, tuple(FAULT_KINDS))
+    name = kind if kind in FAULT_KINDS else canonical_label(kind, tuple(FAULT_KINDS), noun="fault")
     fault = FAULT_KINDS[name]
     if fault is None:
         if dimensions:

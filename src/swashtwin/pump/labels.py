@@ -117,8 +117,12 @@ _SOUND = re.compile(
 )
 
 
-def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
+def canonical_label(text: str, classes: tuple[str, ...] = CLASSES, *, noun: str = "class") -> str:
     """Return the class that `text` names.
+
+    Parameters
+    ----------
+    noun : what the classes are, for messages.
 
     Raises
     ------
@@ -131,7 +135,7 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
     'piston'
     """
     if not isinstance(text, str):
-        raise InputError(f"Invalid class {text!r}: must be one of {', '.join(classes)}.")
+        raise InputError(f"Invalid {noun} {text!r}: must be one of {', '.join(classes)}.")
     if is_healthy(text) and CLASSES[0] in classes:
         return CLASSES[0]
 
@@ -143,7 +147,7 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
     names = [*classes, *(alias for alias, target in ALIASES.items() if target in classes)]
     suggestion = closest_name(word, names)
     hint = f" Did you mean {ALIASES.get(suggestion, suggestion)!r}?" if suggestion else ""
-    raise InputError(f"Invalid class {text!r}: must be one of {', '.join(classes)}.{hint}")
+    raise InputError(f"Invalid {noun} {text!r}: must be one of {', '.join(classes)}.{hint}")
 
 
 def propose_class(label: str) -> str | None:

@@ -257,7 +257,11 @@ export class LivingPump {
 
     const names = content.sensors.map(({ name }) => name);
     this.sensor = Math.min(this.sensor, names.length - 1);
-    this.menu.replaceChildren(...names.map((name, n) => new Option(name, String(n))));
+    // A new menu would cost a layout of the page for each picture of a slider.
+    const listed = Array.from(this.menu.options, ({ text }) => text);
+    if (listed.join() !== names.join()) {
+      this.menu.replaceChildren(...names.map((name, n) => new Option(name, String(n))));
+    }
     this.menu.selectedIndex = this.sensor;
     this.section.canvas.setAttribute("aria-label", content.description);
     this.sentence.textContent = content.fault?.sentence ?? "";

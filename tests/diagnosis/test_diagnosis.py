@@ -369,7 +369,7 @@ def test_a_missing_verdict_shows_in_text_json_page_and_exit_code(saved, tmp_path
         return explain(*arguments)
 
     monkeypatch.setattr("swashtwin.diagnosis.explain", explain_late)
-    late = run(*command[:3], "--report", tmp_path / "page")
+    late = run(*command[:3], "--report", tmp_path / "page", "--force")
 
     assert "good.h5: the file is gone since it was loaded" in late.stderr
     assert "piston" in late.stdout

@@ -29,7 +29,7 @@ HELD_OUT_SHARES = MappingProxyType(
 """By number of training machines: share of the held-out recordings above the score that a share
 `RATES` of the recordings of new pumps exceeds.
 
-From ``python benchmarks/virtual_problems.py --fleets 20``, lines "all". More machines than these
+From ``benchmarks/virtual_problems.py`` on 20 virtual fleets, lines "all". More machines than these
 need no adjustment: a model hardly changes if one of them is held out.
 """
 

@@ -1,5 +1,6 @@
 """The documents: no placeholder, no broken link, and lists that match the files."""
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -93,3 +94,21 @@ def test_every_module_that_a_document_names_exists(document: Path) -> None:
 
     folders = (ROOT, ROOT / "src", ROOT / "src" / "swashtwin")
     assert [path for path in paths if not any((folder / path).exists() for folder in folders)] == []
+
+
+def test_every_file_of_the_first_changes_exists() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.+?) \| (`.+`) \|$", text.split("## First changes")[1], re.MULTILINE)
+
+    assert len(rows) == 5
+    for change, files in rows:
+        missing = [name for name in re.findall(r"`(.+?)`", files) if not (ROOT / name).exists()]
+        assert missing == [], change
+
+
+def test_a_commit_checks_scripts_with_the_version_that_every_change_must_pass() -> None:
+    packages = json.loads((ROOT / ".ci/javascript/package.json").read_text(encoding="utf-8"))
+    hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+
+    version = packages["devDependencies"]["@biomejs/biome"]
+    assert f"--package=@biomejs/biome@{version} " in hooks

@@ -24,7 +24,10 @@ from swashtwin.calibration.discrepancy import (
     noise_covariance,
 )
 from swashtwin.calibration.posterior import (
+    build_estimate,
     build_estimates,
+    find_strained_constants,
+    is_in_doubt,
     posterior_covariance,
     sandwich_covariance,
 )
@@ -181,6 +184,93 @@ def test_an_interval_always_contains_its_value(
         log_width = math.log(high / low)
         full_width = min(2 * 1.645 * std, log_width)
         assert log_width == pytest.approx(full_width, rel=1e-3) or any(estimate.open_sides)
+
+
+@pytest.mark.parametrize(
+    ("log_std", "prior_std", "in_doubt", "verdict"),
+    [
+        # within a factor of 1.5 at 90 %
+        (0.25, 1.0, False, "identified"),
+        (0.25, 1.0, True, "weak"),
+        (0.26, 1.0, False, "weak"),
+        # more than 0.7 of what was known before
+        (0.69, 1.0, False, "weak"),
+        (0.71, 1.0, False, "not identified"),
+        (0.20, 0.28, False, "not identified"),
+    ],
+)
+def test_a_verdict_depends_on_the_uncertainty_left_and_on_doubt(
+    log_std: float, prior_std: float, in_doubt: bool, verdict: str
+) -> None:
+    estimate = build_estimate(
+        "clearance",
+        "h",
+        "m",
+        nominal=1.0,
+        value=1.0,
+        log_std=log_std,
+        prior_std=prior_std,
+        bounds=(1e-3, 1e3),
+        in_doubt=in_doubt,
+    )
+    assert estimate.verdict == verdict
+
+
+def test_no_value_is_identified_if_a_mistake_is_suspected(
+    objective: Objective, point: np.ndarray
+) -> None:
+    covariance = posterior_covariance(objective, point)
+    certain = [
+        estimate.verdict
+        for estimate in build_estimates(objective, point, covariance, has_suspected_mistake=False)
+    ]
+    suspected = [
+        estimate.verdict
+        for estimate in build_estimates(objective, point, covariance, has_suspected_mistake=True)
+    ]
+
+    assert "identified" in certain
+    expected = ["weak" if verdict == "identified" else verdict for verdict in certain]
+    assert suspected == expected
+
+
+@pytest.fixture(scope="module")
+def many_constants(twin: Twin) -> Objective:
+    """Objective that also searches a bearing, the gains of the channels and a housing mode."""
+    return objective_for(twin, twin, Nuisances(bearing=0.3, gains=0.1, modes=1))
+
+
+@pytest.mark.parametrize(("distance", "is_strained"), [(2.49, False), (2.51, True), (-2.51, True)])
+def test_a_constant_is_strained_far_from_its_prior_mean(
+    many_constants: Objective, distance: float, is_strained: bool
+) -> None:
+    unknowns = many_constants.unknowns
+    for index in range(6, len(unknowns.names)):
+        point = unknowns.center.copy()
+        point[index] += distance * unknowns.deviation[index]
+
+        strained = find_strained_constants(unknowns, point)
+        assert strained == ((unknowns.names[index],) if is_strained else ())
+        assert is_in_doubt(unknowns, point, misfit=1.0) == is_strained
+
+
+def test_a_fit_is_in_doubt_from_twice_the_expected_misfit_on(many_constants: Objective) -> None:
+    unknowns = many_constants.unknowns
+    assert not is_in_doubt(unknowns, unknowns.center, misfit=2.0)
+    assert is_in_doubt(unknowns, unknowns.center, misfit=2.01)
+
+
+def test_a_twin_of_the_posterior_has_the_gains_and_the_housing_of_its_point(
+    twin: Twin, many_constants: Objective
+) -> None:
+    unknowns = many_constants.unknowns
+    assert twin.path is None
+
+    posterior = Posterior(unknowns, unknowns.center, np.diag(unknowns.deviation**2))
+    calibrated = posterior.twin_at(twin, unknowns.center)
+
+    assert calibrated.path == unknowns.sensor_path_at(unknowns.center, twin.pump.channels)
+    assert calibrated.path is not None
 
 
 def test_an_interval_that_is_open_above_is_described_by_its_lower_end(

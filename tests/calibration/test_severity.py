@@ -21,7 +21,7 @@ from swashtwin.calibration import (
 )
 from swashtwin.calibration.fault_dimensions import build_fault_space
 from swashtwin.calibration.severity import doubt
-from swashtwin.calibration.severity.doubt import explain_doubt
+from swashtwin.calibration.severity.doubt import Explanation, explain_doubt
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
 from swashtwin.calibration.severity.profile_likelihood import (
     ProfileProblem,
@@ -274,6 +274,25 @@ def test_an_interval_reaches_around_the_mistakes_that_explain_a_doubt(true_twin:
 
 
 @pytest.mark.nightly
+def test_a_recording_is_corrected_by_the_mistake_in_pressure_and_in_names_of_channels(
+    calibration: Calibration, healthy: list[Recording]
+) -> None:
+    recording = healthy[0]
+    first, second, *others = recording.channels
+    swapped = {first: second, second: first}
+
+    corrected = Explanation("", calibration, pressure_factor=1.1, channel_names=swapped).correct(
+        recording
+    )
+
+    assert corrected.channels == (second, first, *others)
+    assert recording.condition is not None
+    assert corrected.condition == recording.condition.replace(
+        discharge_pressure=1.1 * recording.condition.discharge_pressure
+    )
+    np.testing.assert_array_equal(corrected.signal, recording.signal)
+
+
 def test_a_severity_under_swapped_channels_is_that_of_the_right_ones(true_twin: Twin) -> None:
     names = ("body_y", "cover_z", "body_x")
     true = PistonWear(um(45))

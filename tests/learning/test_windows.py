@@ -20,6 +20,7 @@ from swashtwin.learning import (
     without_overlap,
 )
 from swashtwin.learning.windows.splitting import fold_training_rows, is_made_without
+from swashtwin.learning.windows.window_set import operating_points
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, recording_groups
 
@@ -327,6 +328,18 @@ def test_a_condition_is_speed_and_pressure_if_specified_and_close_speeds_are_the
     assert recording_groups([without_condition("both", condition=point)], "condition") == {
         "both": "1500 rev/min, 15 MPa"
     }
+
+
+def test_close_speeds_and_pressures_are_one_operating_point():
+    condition = np.array(
+        [[90.0, 15e6], [90.5, 15.1e6], [150.0, 15e6], [90.0, 10e6], [150.5, 15.05e6]]
+    )
+    points, index = operating_points(condition)
+
+    assert len(points) == 3
+    assert index[0] == index[1]
+    assert index[2] == index[4]
+    np.testing.assert_allclose(points[index], condition, rtol=0.01)
 
 
 def test_windows_have_the_speed_of_an_attribute_and_are_split_by_it():

@@ -92,6 +92,16 @@ def test_the_score_is_the_mean_of_the_five_largest_changes_beyond_three_decibels
     assert baseline.score(band_powers(layout, [])) == 0
 
 
+def test_a_deviation_has_the_changes_in_decibels_and_in_spreads(layout: BandPowerLayout) -> None:
+    changes = band_powers(layout, [6.0, -9.0])
+
+    deviation = baseline_with(layout, spread=3.0).deviation(changes, 0.25)
+
+    np.testing.assert_allclose(deviation.change, changes)
+    np.testing.assert_allclose(deviation.spreads, changes / 3)
+    assert deviation.p_value == 0.25
+
+
 def test_each_recording_of_the_baseline_is_scored_against_the_others(
     layout: BandPowerLayout,
 ) -> None:

@@ -262,18 +262,13 @@ def test_a_message_dates_what_another_recording_showed(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
-    plant: Plant, tmp_path: Path
+    plant: Plant,
 ) -> None:
-    def measure(
-        label: str, recording: Path | None = plant.worn, pistons: int = PISTONS
-    ) -> dict[str, object]:
-
-        machine = Machine(name="pump-1", pistons=pistons, calibration=plant.calibration)
-        healthy = tuple(plant.worn.parent.glob("A_normal*"))
-        return SeverityRequest(machine, label, recording, START, healthy).measure()
+    machine = Machine(name="pump-1", pistons=PISTONS, calibration=plant.calibration)
+    healthy = tuple(plant.worn.parent.glob("A_normal*"))
 
     # the fault of this pump is a recess, not worn pistons
-    severity = measure("piston")
+    severity = SeverityRequest(machine, "piston", plant.worn, START, healthy).measure()
     assert severity["verdict"] == "not detected"
     assert severity["sentence"].startswith("Severity, if piston: clearance ")
     assert severity["sentence"].endswith(
@@ -282,19 +277,27 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
     assert severity["interval"][0] == 0 < severity["value"] < severity["interval"][1]
     assert any("calibration is in doubt" in note for note in severity["notes"])
 
+
+def test_a_severity_is_refused_for_what_the_calibration_does_not_hold_for(
+    plant: Plant, tmp_path: Path
+) -> None:
+    def measure(
+        label: str = "piston", recording: Path | None = plant.worn, pistons: int = PISTONS
+    ) -> None:
+        machine = Machine(name="pump-1", pistons=pistons, calibration=plant.calibration)
+        SeverityRequest(machine, label, recording, START).measure()
+
+    with pytest.raises(DataError, match="no fault of the class 'other'"):
+        measure(label="other")
+    with pytest.raises(DataError, match="another pump, 25scy14-1b"):
+        measure(pistons=9)
+    with pytest.raises(DataError, match="were not kept"):
+        measure(recording=None)
+
     at_10_mpa = at_speed(1).replace(condition=AT_15.replace(discharge_pressure=1e7))
-    file_at_10_mpa = write_recording(at_10_mpa, tmp_path / "a.h5")
-    for facts, message in (
-        ({"label": "other"}, "no fault of the class"),
-        ({"label": "piston", "pistons": 9}, "another pump, 25scy14-1b"),
-        ({"label": "piston", "recording": None}, "were not kept"),
-        (
-            {"label": "piston", "recording": file_at_10_mpa},
-            "is for 860 rpm, 15 MPa, but the recording is at 860 rpm, 10 MPa",
-        ),
-    ):
-        with pytest.raises(DataError, match=message):
-            measure(**facts)
+    message = "is for 860 rpm, 15 MPa, but the recording is at 860 rpm, 10 MPa"
+    with pytest.raises(DataError, match=message):
+        measure(recording=write_recording(at_10_mpa, tmp_path / "a.h5"))
 
 
 def test_severities_of_an_alarm_tell_how_long_the_pump_lasts() -> None:
@@ -396,9 +399,17 @@ def test_a_finding_is_refused_if_the_machine_had_no_alarm(tmp_path: Path) -> Non
 def test_a_suspect_is_as_sure_as_its_prior(
     changes: dict[str, object], certainty: str, sentence: str
 ) -> None:
-    suspect = Suspect.of(replace(Diagnosis("a", "prior", label="piston"), **changes))
+    diagnosis = replace(Diagnosis("a", "prior", label="piston", p_value=0.2), **changes)
+
+    suspect = Suspect.of(diagnosis)
+
     assert suspect.certainty == certainty
     assert sentence in suspect.sentence
+    if certainty != "none":
+        # The likeliest fault, although a healthy pump may be likelier.
+        assert suspect.label == "piston"
+        assert suspect.probabilities == diagnosis.probabilities
+        assert suspect.p_value == 0.2
 
 
 def test_the_reason_is_stated_if_no_suspect_can_be_named(

@@ -273,7 +273,6 @@ def test_an_interval_reaches_around_the_mistakes_that_explain_a_doubt(true_twin:
     assert "the mounting's stiffness is 1.4 times the twin's" in estimate.notes[-1]
 
 
-@pytest.mark.nightly
 def test_a_recording_is_corrected_by_the_mistake_in_pressure_and_in_names_of_channels(
     calibration: Calibration, healthy: list[Recording]
 ) -> None:
@@ -293,6 +292,7 @@ def test_a_recording_is_corrected_by_the_mistake_in_pressure_and_in_names_of_cha
     np.testing.assert_array_equal(corrected.signal, recording.signal)
 
 
+@pytest.mark.nightly
 def test_a_severity_under_swapped_channels_is_that_of_the_right_ones(true_twin: Twin) -> None:
     names = ("body_y", "cover_z", "body_x")
     true = PistonWear(um(45))

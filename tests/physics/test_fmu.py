@@ -19,6 +19,7 @@ import pytest
 
 from swashtwin.foundation import InputError, MPa, SwashTwinError, celsius, deg, mm, rpm, um
 from swashtwin.physics import FMU, PortTiming, Scales, SensorPath, Twin, export_fmu
+from swashtwin.physics.fmu import export
 from swashtwin.physics.fmu.c_numbers import FAULTS, line_orders
 from swashtwin.physics.fmu.model_description import fmu_variables
 from swashtwin.pump import (
@@ -157,6 +158,7 @@ def test_each_fault_of_swashtwin_can_be_exported() -> None:
     ("compiler", "message"),
     [
         ("no-such-cc", "No C compiler: 'no-such-cc' is not on the PATH. Install one"),
+        ('"cc', "No C compiler: '\"cc' is not on the PATH. Install one"),
         ("false", "The C compiler 'false' failed: exit code 1"),
     ],
 )
@@ -170,6 +172,20 @@ def test_a_compiler_that_is_missing_or_fails_is_named_and_nothing_is_written(
 
     assert "sources_only" in str(error.value)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("variable", "options"), [("{}", []), ('"{}" -m64', ["-m64"])], ids=["path", "with an option"]
+)
+def test_a_compiler_may_lie_in_a_folder_with_blanks(
+    variable: str, options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiler = tmp_path / "of mine" / "cc"
+    compiler.parent.mkdir()
+    compiler.touch(mode=0o755)
+    monkeypatch.setenv("CC", variable.format(compiler))
+
+    assert export._find_compiler() == [str(compiler), *options]
 
 
 def test_a_pump_that_cannot_run_is_not_exported(worn: Twin, tmp_path: Path) -> None:
@@ -258,15 +274,17 @@ def require_equal_lines(fmpy: Any, fmu: FMU, twin: Twin) -> None:
     for sensor, name in enumerate(twin.pump.channels):
         expected = np.zeros(line_orders(twin.pump))
         expected[orders[is_output] - 1] = np.abs(lines[sensor, is_output])
-        found = np.array([result[f"line.{name}[{k + 1}]"][0] for k in range(expected.size)])
+        line_amplitudes = np.array(
+            [result[f"line.{name}[{k + 1}]"][0] for k in range(expected.size)]
+        )
         rounding = ROUNDING * np.abs(lines[sensor]).max()
-        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=rounding)
+        np.testing.assert_allclose(line_amplitudes, expected, rtol=1e-6, atol=rounding)
 
         angle = result["shaft_angle"]
         waveform = np.real(lines[sensor] @ np.exp(1j * np.outer(orders, angle)))
         largest = np.abs(lines[sensor]).sum()
-        found_waveform = result[f"acceleration.{name}"]
-        np.testing.assert_allclose(found_waveform, waveform, rtol=0, atol=ROUNDING * largest)
+        fmu_waveform = result[f"acceleration.{name}"]
+        np.testing.assert_allclose(fmu_waveform, waveform, rtol=0, atol=ROUNDING * largest)
 
 
 @pytest.mark.nightly
@@ -423,6 +441,18 @@ def test_an_input_that_no_pump_can_have_ends_the_simulation_with_one_sentence(
     instance.enterInitializationMode()
     instance.exitInitializationMode()
     instance.doStep(0.0, 1e-3)
+
+
+@pytest.mark.nightly
+def test_a_step_without_an_end_is_refused_and_does_no_harm(running: Any, fmpy: Any) -> None:
+    instance, references, messages = running
+
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        instance.doStep(0.0, math.inf)
+    assert messages == ["The communication step must be finite."]
+
+    instance.doStep(0.0, 1e-3)
+    assert math.isfinite(instance.getReal([references["shaft_angle"]])[0])
 
 
 @pytest.mark.nightly

@@ -3,6 +3,8 @@
 from .catalog import available_pumps as available_pumps
 from .catalog import load_pump as load_pump
 from .catalog import new_pump as new_pump
+from .condition import MAX_PRESSURE as MAX_PRESSURE
+from .condition import MAX_SPEED as MAX_SPEED
 from .condition import PRESSURE_TOLERANCE as PRESSURE_TOLERANCE
 from .condition import SPEED_TOLERANCE as SPEED_TOLERANCE
 from .condition import OperatingCondition as OperatingCondition

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from swashtwin.foundation import InputError, parse_quantity
+from swashtwin.foundation import InputError, parse_quantity, rpm
 
 SPEED_TOLERANCE = 0.02
 """Relative difference up to which two speeds belong to the same operating point: the slip of a
@@ -17,6 +17,10 @@ PRESSURE_TOLERANCE = 0.06
 """Relative difference up to which two discharge pressures belong to the same operating point: a
 relief valve holds what was set within some percent.
 """
+MAX_SPEED = rpm(8000)
+"""Speed [rad/s] that no industrial axial piston pump reaches."""
+MAX_PRESSURE = 2e8
+"""Discharge pressure [Pa] above that of any axial piston pump."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ class OperatingCondition:
                 raise InputError(f"{name} ({value:g}) must be a positive number.")
 
         # Beyond these limits a unit was mistaken: the messages name the likely slip.
-        if self.speed > 8000 * math.pi / 30:
+        if self.speed > MAX_SPEED:
             raise InputError(
                 f"speed ({self.speed:g} rad/s, {self.speed * 30 / math.pi:.0f} rev/min) is above "
                 "8000 rev/min, which no industrial axial piston pump reaches. "
@@ -66,7 +70,7 @@ class OperatingCondition:
                 f"discharge_pressure ({self.discharge_pressure:g} Pa) must exceed suction_pressure "
                 f"({self.suction_pressure:g} Pa). Pressures are in Pa: 15 MPa is MPa(15)."
             )
-        if self.discharge_pressure > 2e8:
+        if self.discharge_pressure > MAX_PRESSURE:
             raise InputError(
                 f"discharge_pressure ({self.discharge_pressure:g} Pa) is above any axial piston "
                 "pump's (200 MPa). Pressures are in Pa: 15 MPa is MPa(15)."

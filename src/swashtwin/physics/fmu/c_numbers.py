@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from jaxtyping import Complex, Float
 
-from swashtwin.foundation import InputError, rpm
+from swashtwin.foundation import InputError
 from swashtwin.physics.chambers import (
     AIR_FLOOR,
     ATMOSPHERE,
@@ -43,6 +43,8 @@ from swashtwin.physics.lost_contact import loads_on_slipper, stop_damping_ratio
 from swashtwin.physics.twin.model import Twin
 from swashtwin.physics.twin.response import SUPPORTS
 from swashtwin.pump import (
+    MAX_PRESSURE,
+    MAX_SPEED,
     BoreDefect,
     DamScratch,
     Fault,
@@ -76,10 +78,6 @@ SPEED_SHARE = 0.25
 """Lowest speed of an FMU over that at its start: below it a steady state has four times the lines,
 and memory is reserved for as many.
 """
-MAX_SPEED = rpm(8000)
-"""Speed [rad/s] above that of any industrial axial piston pump, as in `OperatingCondition`."""
-MAX_PRESSURE = 2e8
-"""Pressure [Pa] above that of any axial piston pump, as in `OperatingCondition`."""
 LINE_HARMONICS = 5
 """Harmonics of the piston-pass frequency up to which an FMU has outputs of lines: up to there the
 chamber pressures are accurate within 0.5 % (`loads.DEFAULT_STEPS`).
@@ -302,7 +300,9 @@ def _fault_scalars(twin: Twin) -> dict[str, float | int]:
         "RECESS_LIFTS_OFF": 0,
         "CONTACT_CUTOFF": CONTACT_CUTOFF,
     }
+
     if isinstance(fault, SwashPlateDefect):
+        # the depth is an input: what is in proportion to it is written per unit
         stage = stages(twin.pump, replace(fault, depth=_UNIT_SEVERITY))
         numbers |= {
             "FAULT_DEPTH_SHARE": stage.depth / _UNIT_SEVERITY,
@@ -333,6 +333,7 @@ def _fault_scalars(twin: Twin) -> dict[str, float | int]:
             "FAULT_PULSE": fault.pulse,
             "FAULT_DAMPING_RATIO": stop_damping_ratio(fault.restitution),
         }
+
     return numbers
 
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -112,16 +113,24 @@ def export_fmu(twin: Twin, path: Path | str, *, sources_only: bool = False) -> F
 
 def _find_compiler() -> list[str]:
     """Return the command of the C compiler: the variable CC, or cc."""
-    command = shlex.split(os.environ.get("CC", "")) or ["cc"]
     if sys.platform not in _PLATFORMS or platform.machine() not in _MACHINES:
         raise InputError(
             f"FMI 2.0 has no place for a binary of {sys.platform} on {platform.machine()}.",
             field="sources_only",
             remedy="Write an FMU without one, with {sources_only}.",
         )
-    if shutil.which(command[0]) is None:
+
+    text = os.environ.get("CC", "").strip() or "cc"
+    if shutil.which(text) is not None:
+        return [text]  # also a path with blanks or backslashes
+
+    # CC may hold options too, such as "gcc -m64"
+    command: list[str] = []
+    with suppress(ValueError):  # a quote that does not end
+        command = shlex.split(text)
+    if not command or shutil.which(command[0]) is None:
         raise InputError(
-            f"No C compiler: {command[0]!r} is not on the PATH.",
+            f"No C compiler: {text!r} is not on the PATH.",
             field="sources_only",
             remedy="Install one, name it in the environment variable CC, or write an FMU of "
             "sources with {sources_only}.",
@@ -134,6 +143,7 @@ def _compile(command: list[str], sources: dict[str, bytes]) -> bytes:
     with tempfile.TemporaryDirectory(prefix="swashtwin-fmu-") as folder:
         for name, content in sources.items():
             (Path(folder) / name).write_bytes(content)
+
         binary = Path(folder) / "binary"
         c_files = sorted(name for name in sources if name.endswith(".c"))
         arguments = [*command, *_OPTIONS, *_DEFINITIONS, "-o", binary.name, *c_files, "-lm"]
@@ -149,6 +159,7 @@ def _compile(command: list[str], sources: dict[str, bytes]) -> bytes:
             )
         except (OSError, subprocess.TimeoutExpired) as cause:
             raise _compile_error(command, str(cause)) from cause
+
         if finished.returncode or not binary.is_file():
             lines = [line for line in finished.stderr.splitlines() if "error" in line.lower()]
             reasons = lines or [f"exit code {finished.returncode}"]

@@ -13,8 +13,9 @@ from types import MappingProxyType
 from xml.etree import ElementTree
 
 from swashtwin.foundation import VERSION
-from swashtwin.physics.fmu.c_numbers import MAX_PRESSURE, Ranges, line_orders
+from swashtwin.physics.fmu.c_numbers import Ranges, line_orders
 from swashtwin.physics.twin.model import Twin
+from swashtwin.pump import MAX_PRESSURE
 
 RATE_SHARE = 2.56
 """Sample rate over the bandwidth, the convention of analyzers: that of the default experiment."""
@@ -101,10 +102,12 @@ def fmu_variables(twin: Twin) -> list[Variable | None]:
         _severity_variable(twin, ranges),
         Variable("shaft_angle", "Shaft angle from top dead center of piston 0", "rad"),
     ]
+
     channels = twin.pump.channels
     for channel in channels:
         name = f"acceleration.{_quote(channel)}"
         variables.append(Variable(name, f"Acceleration of sensor {channel}", "m/s^2"))
+
     for channel in channels:
         for order in range(1, line_orders(twin.pump) + 1):
             variables.append(

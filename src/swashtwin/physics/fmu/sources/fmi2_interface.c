@@ -12,6 +12,7 @@
 
 #include "fmi2Functions.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -280,6 +281,9 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real step,
     }
 
     double angle = instance->shaft_angle + instance->inputs.speed * step;
+    if (!isfinite(angle)) {
+        return report(instance, fmi2Error, "The communication step must be finite.");
+    }
     instance->shaft_angle = positive_remainder(angle, 2 * PI);
     if (angle >= 2 * PI) {
         return follow_inputs(instance);

@@ -76,3 +76,13 @@ def test_without_a_compiler_the_option_for_sources_is_proposed(
     assert "No C compiler: 'no-such-cc' is not on the PATH" in line
     assert line.endswith("or write an FMU of sources with --sources-only.")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_no_twin_is_named_for_what_it_is(tmp_path: Path) -> None:
+    store = tmp_path / "fill.h5"
+    store.write_bytes(b"windows")
+
+    line = one_line(run("twin", "export", store, "--out", tmp_path / "a.fmu", code=3))
+
+    assert "fill.h5 is not a twin. A twin is a calibration (.json" in line
+    assert not (tmp_path / "a.fmu").exists()

@@ -22,6 +22,7 @@ from swashtwin.cli.filling import (
     build_filling,
     collect_fault_texts,
     is_calibration,
+    load_twin_sources,
     print_plan,
     simulate_plan,
     twin_files,
@@ -341,10 +342,10 @@ def _twin_at_start(
     source: str, fault: str | None, *, speed: str | None, pressure: str | None
 ) -> "tuple[Twin, tuple[str, ...]]":
     """Return the twin of a calibration or a pump at an operating point, and notes on it."""
-    from swashtwin.calibration import load_calibration
+    from swashtwin.calibration import Calibration
     from swashtwin.foundation import InputError
     from swashtwin.physics import Twin
-    from swashtwin.pump import OperatingCondition, load_pump
+    from swashtwin.pump import OperatingCondition
 
     changes = {}
     if speed is not None:
@@ -352,14 +353,14 @@ def _twin_at_start(
     if pressure is not None:
         changes["discharge_pressure"] = parse_quantity(pressure, "Pa", name="--pressure")
 
-    if is_calibration(source):
-        calibration = load_calibration(Path(source))
-        twin = calibration.twin.at(calibration.twin.condition.replace(**changes))
+    (start,) = load_twin_sources([source])
+    if isinstance(start, Calibration):
+        twin = start.twin.at(start.twin.condition.replace(**changes))
         if fault is not None:
             twin = twin.with_fault(fault_from(fault))
-        return twin, (calibration.doubt,) if calibration.doubt else ()
+        return twin, (start.doubt,) if start.doubt else ()
 
-    pump = load_pump(source)
+    pump = start
     if pump.rated is not None:
         changes = {
             "speed": pump.rated.speed,

@@ -93,6 +93,18 @@ def test_text_of_another_encoding_is_read(tmp_path: Path, encoding: str, line_en
     assert loaded.sample_rate == 10.0
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.csv.gz"])
+def test_a_text_that_ends_within_a_character_or_block_is_damaged(name: str, tmp_path: Path) -> None:
+    text = "Zeit [s];x [m/s²]\n" + "".join(f"{k},0;1\n" for k in range(50))
+    content = text.encode("utf-16")
+    if name.endswith(".gz"):
+        content = gzip.compress(content)
+    (tmp_path / name).write_bytes(content[:-1])
+
+    with pytest.raises(DataError, match=rf"{name} is damaged, cut off, or not a"):
+        load_recording(tmp_path / name)
+
+
 # ---- time columns
 
 

@@ -2,7 +2,7 @@
 
 import codecs
 import gzip
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -50,7 +50,7 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
         end = _end_of_last_line(text)
         rest = text[end:]
         if end:
-            # Without the feed, which a carriage return may precede or stand for.
+            # Without the end of the last line, which may be a carriage return, a feed, or both.
             yield _normalize(text[:end]).removesuffix(b"\n")
         elif len(rest) >= MAX_LINE_BYTES:
             raise DataError(
@@ -64,10 +64,9 @@ def _decoded_chunks(path: Path) -> Iterator[bytes]:
     with _open(path) as file:
         limit_bytes = _text_limit(path)
         first = file.read(_FIRST_BLOCK_BYTES)
-        convert: Callable[[bytes, bool], bytes] = _unchanged
+        utf16: codecs.IncrementalDecoder | None = None
         if first[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-            decoder = codecs.getincrementaldecoder("utf-16")()
-            convert = lambda chunk, is_last: decoder.decode(chunk, is_last).encode()  # noqa: E731
+            utf16 = codecs.getincrementaldecoder("utf-16")()
 
         n_bytes = 0
         chunk = first
@@ -78,13 +77,12 @@ def _decoded_chunks(path: Path) -> Iterator[bytes]:
                     f"{path} unpacks to more than {_MAX_EXPANSION} times its size; "
                     "it is not a measurement."
                 )
-            yield convert(chunk, False)
+            yield chunk if utf16 is None else utf16.decode(chunk).encode()
             chunk = file.read(_BLOCK_BYTES)
-        yield convert(b"", True)
 
-
-def _unchanged(chunk: bytes, is_last: bool) -> bytes:
-    return chunk
+        if utf16 is not None:
+            # raises an error if the file ends within a character
+            yield utf16.decode(b"", final=True).encode()
 
 
 def _open(path: Path) -> BinaryIO | gzip.GzipFile:

@@ -10,7 +10,7 @@ from commandline import one_line, run
 from typer.main import get_command
 
 from swashtwin.cli import app
-from swashtwin.cli.options import READING
+from swashtwin.cli.options import READING_OPTIONS
 
 READERS = (
     "index",
@@ -34,7 +34,7 @@ def options_of(path: str) -> set[str]:
 
 @pytest.mark.parametrize("command", READERS)
 def test_every_command_that_reads_a_file_takes_the_same_options(command: str) -> None:
-    reading_options = {f"--{name.replace('_', '-')}" for name in READING}
+    reading_options = {f"--{name.replace('_', '-')}" for name in READING_OPTIONS}
     assert reading_options <= options_of(command)
 
 

@@ -376,8 +376,8 @@ def test_the_commands_go_from_a_plant_s_faults_to_another_machine(folder: Path) 
     # A recording of the library had a part in the model, so that it proves nothing.
     refused = run("evaluate", model, folder / "plant", code=3)
     assert "21 that the model was trained on" in " ".join(refused.stderr.split())
-    known = run("diagnose", model, folder / "plant" / "A 4.h5", "--json", code=4)
-    assert "No healthy recording is of the machine A" in known.stdout
+    diagnosis = run("diagnose", model, folder / "plant" / "A 4.h5", "--json", code=4)
+    assert "No healthy recording is of the machine A" in diagnosis.stdout
     twice = (*arguments, "--library", folder / "a.safetensors", "--out", model, "--force")
     refused = run("model", "adapt", *twice, code=3)
     assert "hold a recording twice" in " ".join(refused.stderr.split())

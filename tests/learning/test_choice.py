@@ -200,8 +200,8 @@ def test_a_class_that_one_twin_alone_knows_stays_in_every_fold() -> None:
     measured = windows()
     unrecorded = measured.target == len(measured.classes) - 1
     of_twins = twin_windows(measured)
-    kept = ~unrecorded | (of_twins.specimen == "twin of A")
-    both = measured.subset(~unrecorded) + of_twins.subset(kept)
+    is_kept = ~unrecorded | (of_twins.specimen == "twin of A")
+    both = measured.subset(~unrecorded) + of_twins.subset(is_kept)
 
     tested = np.flatnonzero((both.specimen == "A") & ~both.synthetic)
     rows = fold_training_rows(both.target, both.specimen, both.synthetic, tested)

@@ -15,7 +15,7 @@ from swashtwin.cli.options import (
     Preset,
     PresetName,
     PumpName,
-    Reading,
+    ReadingOptions,
     Seed,
     Source,
     Specimen,
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from swashtwin.physics import Twin
     from swashtwin.pump import Fault, Pump
     from swashtwin.recordings import Recording, Recordings
-
 
 # Keys of a saved calibration that the command prints; the others describe its twin.
 _RESULT_KEYS = (
@@ -62,7 +61,7 @@ class Method(StrEnum):
 @reads_files
 def calibrate(
     source: Source,
-    reading_options: Reading,
+    reading_options: ReadingOptions,
     pump: PumpName = "25scy14-1b",
     fault: FaultText = "normal",
     speed: Annotated[
@@ -194,7 +193,7 @@ def calibrate(
 
 def _load_recordings(
     source: Path,
-    reading_options: Reading,
+    reading_options: ReadingOptions,
     speed: str | None,
     pressures: Sequence[str],
     *,

@@ -22,7 +22,7 @@ from swashtwin.cli.console import (
 from swashtwin.cli.options import (
     Json,
     ModelFile,
-    Reading,
+    ReadingOptions,
     Sources,
     reads_files,
     require_index,
@@ -57,7 +57,7 @@ _HEADERS = {
 def diagnose(
     model: ModelFile,
     paths: Sources,
-    reading_options: Reading,
+    reading_options: ReadingOptions,
     error_rate: Annotated[
         float | None,
         typer.Option(

@@ -140,7 +140,7 @@ def _reading_option(help_text: str, kind: Any = str, **details: Any) -> Any:
     ]
 
 
-READING = {
+READING_OPTIONS = {
     "sample_rate": _reading_option('Sample rate: "25.6 kHz".'),
     "unit": _reading_option(
         'Unit of the numbers in the file: "g", "m/s^2", "V", "1".', callback=_require_sample_unit
@@ -207,7 +207,7 @@ def spell_as_option(setting: str, value: str) -> str:
     return f"{option_name(setting)} {shell_value}"
 
 
-Reading = dict[str, Any]
+ReadingOptions = dict[str, Any]
 """What the options of `reads_files` specify, for ``load_recordings(path, **reading_options)``."""
 
 
@@ -219,7 +219,7 @@ def reads_files(command: Callable[..., None]) -> Callable[..., None]:
     If the command already has an option of the same name, that option stays.
     """
     signature = inspect.signature(command)
-    added_names = [name for name in READING if name not in signature.parameters]
+    added_names = [name for name in READING_OPTIONS if name not in signature.parameters]
 
     @wraps(command)
     def with_reading(**values: Any) -> None:
@@ -236,7 +236,9 @@ def reads_files(command: Callable[..., None]) -> Callable[..., None]:
             continue
         for added_name in added_names:
             parameters.append(
-                inspect.Parameter(added_name, keyword, default=None, annotation=READING[added_name])
+                inspect.Parameter(
+                    added_name, keyword, default=None, annotation=READING_OPTIONS[added_name]
+                )
             )
     with_reading.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return with_reading

@@ -23,7 +23,7 @@ from swashtwin.cli.options import (
     GroupName,
     Index,
     Json,
-    Reading,
+    ReadingOptions,
     Seed,
     Sources,
     Window,
@@ -47,7 +47,7 @@ _SUFFICIENCY = {"yes": "enough", "partly": "partly enough", "no": "not enough"}
 @reads_files
 def index(
     folder: Annotated[Path, typer.Argument(help="Folder of measurements. It is only read.")],
-    reading_options: Reading,
+    reading_options: ReadingOptions,
     out: Annotated[
         Path | None, typer.Option(help="Index file. Default: recordings.toml in the folder.")
     ] = None,
@@ -140,7 +140,7 @@ def _ask(key: str, question: str) -> str | None:
 @reads_files
 def inspect(
     paths: Sources,
-    reading_options: Reading,
+    reading_options: ReadingOptions,
     as_json: Json = False,
 ) -> None:
     """Search recordings for defects. The exit code is 3 if a recording must not be used."""
@@ -262,7 +262,7 @@ def _print_counts(result: "DataCheck") -> None:
 def convert(
     paths: Sources,
     out: Annotated[Path, typer.Option(help="Store to write, .h5. It appears when it is complete.")],
-    reading_options: Reading,
+    reading_options: ReadingOptions,
     force: Force = False,
     as_json: Json = False,
 ) -> None:

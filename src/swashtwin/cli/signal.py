@@ -19,7 +19,15 @@ from swashtwin.cli.console import (
     print_table,
     print_text,
 )
-from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, read_list, reads_files
+from swashtwin.cli.options import (
+    Index,
+    Json,
+    ReadingOptions,
+    Sources,
+    band_from,
+    read_list,
+    reads_files,
+)
 from swashtwin.cli.outputs import Force, require_output
 from swashtwin.cli.sources import load_sources
 from swashtwin.foundation import plural
@@ -56,8 +64,6 @@ Track = Annotated[
         help='Orders of which the clearest line is tracked for the shaft angle: "7,14,28".',
     ),
 ]
-
-# Start of a table of indicators, by which it is recognized.
 
 _NO_ZONE = "No ISO zone is printed: ISO 20816 and 10816 do not cover axial piston pumps."
 
@@ -138,7 +144,7 @@ class Shaft:
 @reads_files
 def features(
     source: Sources,
-    reading_options: Reading,
+    reading_options: ReadingOptions,
     out: Annotated[
         Path | None, typer.Option(help="CSV file to write, with all columns and their units.")
     ] = None,
@@ -211,7 +217,7 @@ def _print_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
 @reads_files
 def spectrum(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording to look at.")],
-    reading_options: Reading,
+    reading_options: ReadingOptions,
     kind: Annotated[SpectrumKind, typer.Option(help="Kind of spectrum.")] = SpectrumKind.amplitude,
     out: Annotated[
         Path | None,

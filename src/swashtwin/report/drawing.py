@@ -129,9 +129,8 @@ def _save_svg(figure: "Figure") -> str:
     """Return the figure as a file of SVG."""
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata=_NO_METADATA)
-    svg = text.getvalue().replace("<svg", "<!-- figure of swashtwin -->\n<svg", 1)
     # XML allows no control characters, which names of recordings may have
-    return escape_controls(svg, keep="\n")
+    return escape_controls(text.getvalue(), keep="\n")
 
 
 def tabulate(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:

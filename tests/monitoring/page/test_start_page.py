@@ -64,11 +64,11 @@ def statements() -> Iterator[list[str]]:
 
 def cards(text: str) -> dict[str, str]:
     """Return the text of each card by the name of its machine, in the order of the page."""
-    found = {}
+    text_by_machine = {}
     for card in re.findall(r'<li class="card.*?</li>\s*(?=<li class="card|</ul>)', text, re.S):
         words = " ".join(re.sub(r"<[^>]+>", " ", card).split())
-        found[words.split()[0]] = words
-    return found
+        text_by_machine[words.split()[0]] = words
+    return text_by_machine
 
 
 def test_machines_that_need_attention_come_first_whatever_their_site(client: TestClient) -> None:

@@ -139,7 +139,8 @@ class Confidence:
         is that of `pooled_probabilities` before the temperature, so that no p-value depends on what
         was fitted to the validation recordings. For the true class it is at most e in a share e of
         the recordings of each group (Mondrian sets: Vovk, Gammerman and Shafer 2005, ch. 4). If
-        machines were held out, `transport_p_values` follows.
+        a few machines were held out, `transport_p_values` adjusts it to a new machine, and that
+        share is one of virtual pumps.
         """
         score = nonconformity_scores(probability)
         row = np.searchsorted(self.listening_windows, n_windows, side="right") - 1

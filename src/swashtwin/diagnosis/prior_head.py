@@ -7,7 +7,7 @@ load: arXiv 2409.17735). Then a small network learns the classes of the virtual 
 """
 
 import math
-import warnings
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -411,20 +411,21 @@ def _train_network(
     """Return the weights and biases of both layers: inner, inner bias, outer, outer bias."""
     from sklearn.neural_network import MLPClassifier
 
+    # Early stopping is the regularization. No epoch improves the loss by this tolerance, so that
+    # the training ends after the last epoch, before scikit-learn warns that it did not converge.
+    # To hide the warning would not be safe: all threads share the filters of warnings.
     network = MLPClassifier(
         (_N_UNITS,),
         alpha=1.0,
         learning_rate_init=2e-3,
         batch_size=128,
-        max_iter=_N_EPOCHS,
-        tol=0.0,
-        n_iter_no_change=_N_EPOCHS + 1,
+        max_iter=_N_EPOCHS + 1,
+        tol=sys.float_info.max,
+        n_iter_no_change=_N_EPOCHS - 2,
         random_state=seed % 2**32,
     )
-    with warnings.catch_warnings():
-        # Early stopping is the regularization, so that it does not converge is no fault.
-        warnings.simplefilter("ignore")
-        network.fit(inputs.astype(np.float32), classes, sample_weight=weight)
+    network.fit(inputs.astype(np.float32), classes, sample_weight=weight)
+    assert network.n_iter_ == _N_EPOCHS
 
     inner, outer = (weights.astype(np.float64) for weights in network.coefs_)
     inner_bias, outer_bias = (biases.astype(np.float64) for biases in network.intercepts_)

@@ -418,7 +418,7 @@ def _train_network(
         (_N_UNITS,),
         alpha=1.0,
         learning_rate_init=2e-3,
-        batch_size=128,
+        batch_size=min(128, len(inputs)),
         max_iter=_N_EPOCHS + 1,
         tol=sys.float_info.max,
         n_iter_no_change=_N_EPOCHS - 2,

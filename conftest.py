@@ -30,8 +30,8 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("busy")
 
 NEEDS_EXTRA = re.compile(
-    r"No module named '(?P<module>torch|numba|onnx\w*|paho|asammdf|swashtwin_bench|imblearn"
-    r"|importlinter|grimp)\b.*"
+    r"No module named '(?P<module>torch|numba|onnx\w*|paho|asammdf|distributed|swashtwin_bench"
+    r"|imblearn|importlinter|grimp)\b.*"
     r"|\S+ (?:needs|belongs to) (?P<package>[\w.-]+), which is not installed"
 )
 """How a test reports that it needs more than the base install."""

@@ -41,6 +41,7 @@ NOT_RUN = (
     (r"bench rig (?!.*--size tiny)", "a rig of that size takes minutes"),
     (r"(watch|history) ", "tests/cli/test_watch.py runs the tutorial"),
     (r"explore ", "it serves until it is ended; tests/explorer run it"),
+    (r".*--cluster ", "it needs a cluster; tests/foundation/test_cluster.py starts one"),
     (r"demo", "tests/cli/test_cli.py and .ci/run run it"),
     (r"calibrate (healthy/|INDEX)", "a calibration of a whole band takes minutes"),
     (r"twin severity pump-A.json", "it needs that calibration"),

@@ -156,7 +156,6 @@ def test_a_folder_is_resumed_if_the_process_was_killed_while_writing_its_manifes
 
 PARENT = """
 import os, sys, time
-from joblib import delayed
 from swashtwin.foundation import parallel
 
 def work(number):
@@ -164,7 +163,7 @@ def work(number):
     time.sleep(60)
 
 if __name__ == "__main__":
-    parallel(2)(delayed(work)(number) for number in range(2))
+    list(parallel(work, [(0,), (1,)], jobs=2))
 """
 
 

@@ -8,6 +8,7 @@ from .console import print_table as print_table
 from .console import print_text as print_text
 from .console import progress as progress
 from .console import require_existing as require_existing
+from .options import Cluster as Cluster
 from .options import Index as Index
 from .options import Jobs as Jobs
 from .options import Json as Json

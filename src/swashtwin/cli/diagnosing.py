@@ -17,9 +17,11 @@ from swashtwin.cli.console import (
     print_result,
     print_table,
     print_text,
+    progress,
     require_existing,
 )
 from swashtwin.cli.options import (
+    Cluster,
     Json,
     ModelFile,
     ReadingOptions,
@@ -83,6 +85,7 @@ def diagnose(
         int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")
     ] = None,
     report: Report = None,
+    cluster: Cluster = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -91,24 +94,28 @@ def diagnose(
     The exit code is 4 if a recording has no verdict, because it is unusable or a number is not
     finite.
     """
-    from swashtwin.diagnosis import FaultClassifier, compare_with_healthy, load_model
+    from swashtwin.diagnosis import (
+        FaultClassifier,
+        compare_with_healthy,
+        diagnose_recordings,
+        load_model,
+    )
+    from swashtwin.foundation import use_cluster
 
     require_page(report, inputs=[model, *paths], force=force)
     trained = load_model(model)
     facts = reading_options | without_none(specimen=specimen)
-    recordings = load_sources(paths, **facts)
-    if healthy is not None:
-        healthy_recordings = _load_healthy(healthy, facts, recordings)
-        with _naming_healthy(healthy):
-            trained, recordings = compare_with_healthy(trained, healthy_recordings, recordings)
-        for text in trained.notes_:
-            print_note(f"note: {text}")
+    with use_cluster(cluster):
+        recordings = load_sources(paths, **facts)
+        if healthy is not None:
+            healthy_recordings = _load_healthy(healthy, facts, recordings)
+            with _naming_healthy(healthy):
+                trained, recordings = compare_with_healthy(trained, healthy_recordings, recordings)
+            for text in trained.notes_:
+                print_note(f"note: {text}")
 
-    rate: dict[str, Any] = {} if error_rate is None else {"error_rate": error_rate}
-    verdicts = [
-        trained.diagnose(recording, **rate)
-        for recording in iterate_with_progress(recordings, "diagnosing")
-    ]
+        with progress("diagnosing") as bar:
+            verdicts = diagnose_recordings(trained, recordings, error_rate=error_rate, progress=bar)
     if pistons is not None:
         verdicts = [
             replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts

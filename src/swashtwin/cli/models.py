@@ -16,6 +16,7 @@ from swashtwin.cli.console import (
     progress,
 )
 from swashtwin.cli.options import (
+    Cluster,
     Index,
     Json,
     ModelFile,
@@ -287,6 +288,7 @@ def prior(
         ),
     ] = 2_000,
     seed: Seed = 0,
+    cluster: Cluster = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -295,6 +297,7 @@ def prior(
     model adapt then adapts the prior to a machine.
     """
     from swashtwin.diagnosis import make_prior
+    from swashtwin.foundation import use_cluster
     from swashtwin.pump import load_pump
     from swashtwin.synthesis import PumpPrior, operating_range, simulate_changes
 
@@ -302,7 +305,7 @@ def prior(
     distribution = PumpPrior(pump=load_pump(pump))
     speed, pressure = operating_range(distribution.pump, distribution)
     n_jobs = -1 if count > _MAX_PUMPS_IN_ONE_PROCESS else 1
-    with progress("simulating virtual pumps") as bar:
+    with use_cluster(cluster), progress("simulating virtual pumps") as bar:
         changes = simulate_changes(distribution, count, seed=seed, jobs=n_jobs, progress=bar)
 
     model = make_prior(

@@ -36,6 +36,14 @@ def require_index(path: Path | None) -> Path | None:
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 Seed = Annotated[int, typer.Option(help="Seed of all random numbers.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Number of parallel processes.")]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Dask scheduler whose workers do the work, such as tcp://10.0.0.5:8786. Default: this "
+        "computer.",
+    ),
+]
 Index = Annotated[
     Path,
     typer.Argument(

@@ -1,25 +1,27 @@
 """Commands of the group signal, which require no classifier: features, spectrum, trend."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from swashtwin.cli.console import (
     MAX_ROWS,
     format_label,
-    iterate_with_progress,
     print_note,
     print_result,
     print_rows,
     print_table,
     print_text,
+    progress,
 )
 from swashtwin.cli.options import (
+    Cluster,
     Index,
     Json,
     ReadingOptions,
@@ -35,9 +37,8 @@ from swashtwin.foundation import plural
 if TYPE_CHECKING:
     from swashtwin.foundation import FileStamp
     from swashtwin.recordings import Recording
-    from swashtwin.signals import IndicatorTable, LineSpectrum, ShaftAngle, Trend
+    from swashtwin.signals import Band, IndicatorTable, LineSpectrum, ShaftAngle, Trend
 
-T = TypeVar("T")
 Pistons = Annotated[
     int | None,
     typer.Option(
@@ -152,6 +153,7 @@ def features(
     band: Bands = None,
     tachometer: Tachometer = None,
     track: Track = None,
+    cluster: Cluster = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -160,7 +162,7 @@ def features(
     No ISO zone is printed, because no standard covers axial piston pumps. Compare with the
     machine's own baseline by swashtwin signal trend.
     """
-    from swashtwin.foundation import file_stamp, write_text
+    from swashtwin.foundation import file_stamp, use_cluster, write_text
     from swashtwin.recordings import source_files
 
     require_output(out, suffixes=[".csv"], inputs=source, force=force)
@@ -179,7 +181,8 @@ def features(
         "reading_options": reading_options,
         "sources": stamps,
     }
-    indicators = _compute_indicators(recordings, pistons, band, shaft, out, settings)
+    with use_cluster(cluster):
+        indicators = _compute_indicators(recordings, pistons, band, shaft, out, settings)
 
     if out is not None:
         write_text(out, indicators.csv)
@@ -450,44 +453,25 @@ def _compute_indicators(
     DataError
         No recording's shaft angle can be determined.
     """
-    from swashtwin.foundation import DataError, InputError, from_table, to_table
-    from swashtwin.signals import (
-        BANDS,
-        FAMILIES,
-        Band,
-        IndicatorTable,
-        indicators_of,
-        stack_tables,
-        summarize_long_recording,
-    )
+    from swashtwin.foundation import DataError, from_table, parallel
+    from swashtwin.signals import BANDS, Band, IndicatorTable, stack_tables
 
     band_values = tuple(Band.parse(text) for text in bands or ()) or BANDS
-    refusals: dict[str, str] = {}
 
-    def describe(recording: "Recording") -> "IndicatorTable":
-        angle = None
-        families = list(FAMILIES)
-        try:
-            angle = shaft.angle_of(recording)
-        except (DataError, InputError) as refusal:
-            # A long recording is described in stretches; its first reason suffices.
-            refusals.setdefault(recording.recording_id, str(refusal))
-            families.remove("orders")
-        vibration = shaft.vibration_of(recording)
-        return indicators_of(
-            vibration, angle=angle, pistons=pistons, bands=band_values, families=families
+    def compute(start: int) -> Iterator[Any]:
+        return parallel(
+            partial(_describe_recording, shaft, pistons, band_values),
+            [(recording,) for recording in recordings[start:]],
+            files=[recording.samples.file for recording in recordings[start:]],
         )
 
-    def compute(recording: "Recording") -> tuple[Any, dict[str, str]]:
-        table = to_table(summarize_long_recording(recording.unloaded(), describe))
-        reason = refusals.get(recording.recording_id)
-        return table, {} if reason is None else {recording.recording_id: reason}
-
     tables = []
-    entries = iterate_with_progress(recordings, "indicators")
-    for table, reasons in _resume_results(out, settings, entries, compute):
-        tables.append(from_table(table, IndicatorTable))
-        refusals |= reasons
+    refusals: dict[str, str] = {}
+    with progress("indicators") as bar:
+        for table, reasons in _resume_results(out, settings, compute):
+            tables.append(from_table(table, IndicatorTable))
+            refusals |= reasons
+            bar(len(tables), len(recordings))
 
     if refusals and len(refusals) == len(recordings):
         raise DataError(next(iter(refusals.values())))
@@ -496,21 +480,51 @@ def _compute_indicators(
     return stack_tables(tables)
 
 
+def _describe_recording(
+    shaft: Shaft, pistons: int | None, bands: "tuple[Band, ...]", recording: "Recording"
+) -> tuple[Any, dict[str, str]]:
+    """Return the table of a recording's indicators, and why it has no orders, by recording."""
+    from swashtwin.foundation import DataError, InputError, to_table
+    from swashtwin.signals import FAMILIES, indicators_of, summarize_long_recording
+
+    refusals: dict[str, str] = {}
+
+    def describe(part: "Recording") -> "IndicatorTable":
+        angle = None
+        families = list(FAMILIES)
+        try:
+            angle = shaft.angle_of(part)
+        except (DataError, InputError) as refusal:
+            # A long recording is described in stretches; its first reason suffices.
+            refusals.setdefault(part.recording_id, str(refusal))
+            families.remove("orders")
+        vibration = shaft.vibration_of(part)
+        return indicators_of(
+            vibration, angle=angle, pistons=pistons, bands=bands, families=families
+        )
+
+    table = to_table(summarize_long_recording(recording.unloaded(), describe))
+    return table, refusals
+
+
 def _resume_results(
     out: Path | None,
     settings: Mapping[str, Any] | None,
-    entries: Iterable[T],
-    compute: Callable[[T], Any],
+    compute: Callable[[int], Iterator[Any]],
 ) -> Iterator[Any]:
-    """Yield the result of each entry, and keep the results until all are computed.
+    """Yield all results, and keep them beside `out` until all are computed.
 
-    Results that an interrupted command with the same settings left beside `out` are not computed
-    again. The file has a line for the settings, then a line for each result.
+    Results that an interrupted command with the same settings left there are not computed again.
+    The file has a line for the settings, then a line for each result.
+
+    Parameters
+    ----------
+    compute : yields the results from the one of this number on.
     """
-    from swashtwin.foundation import TEXT, VERSION, write_text
+    from swashtwin.foundation import TEXT, VERSION, ClusterError, write_text
 
     if out is None:
-        yield from map(compute, entries)
+        yield from compute(0)
         return
 
     path = out.with_name(f"{out.name}.partial")
@@ -524,12 +538,15 @@ def _resume_results(
     write_text(path, "".join(f"{line}\n" for line in lines))
 
     try:
+        for line in lines[1:]:
+            yield json.loads(line)
         with path.open("a", **TEXT) as file:
-            for number, entry in enumerate(entries, 1):
-                if number == len(lines):
-                    lines.append(json.dumps(compute(entry)))
-                    print(lines[number], file=file, flush=True)
-                yield json.loads(lines[number])
+            for result in compute(len(lines) - 1):
+                line = json.dumps(result)
+                print(line, file=file, flush=True)
+                yield json.loads(line)
+    except ClusterError:
+        raise  # what is finished was computed from sound files
     except Exception:
         # A damaged file must not make every later run fail; Ctrl-C is not an Exception.
         path.unlink(missing_ok=True)

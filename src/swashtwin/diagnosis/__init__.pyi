@@ -4,6 +4,7 @@ from .alarm_scores import AlarmScores as AlarmScores
 from .anomaly_detector import AnomalyDetector as AnomalyDetector
 from .attribution import Band as Band
 from .attribution import format_frequency as format_frequency
+from .batch_diagnosis import diagnose_recordings as diagnose_recordings
 from .change_library import ChangeLibrary as ChangeLibrary
 from .change_library import LibraryPump as LibraryPump
 from .change_library import join_libraries as join_libraries

@@ -14,6 +14,7 @@ from .child_processes import ChildDiedError as ChildDiedError
 from .child_processes import ChildProcess as ChildProcess
 from .child_processes import ChildTimeoutError as ChildTimeoutError
 from .child_processes import run_in_child as run_in_child
+from .cluster import use_cluster as use_cluster
 from .dataclass_tables import from_table as from_table
 from .dataclass_tables import parse_json as parse_json
 from .dataclass_tables import to_table as to_table
@@ -21,6 +22,7 @@ from .displays import html_table as html_table
 from .displays import short_repr as short_repr
 from .displays import shorten as shorten
 from .errors import ArtifactError as ArtifactError
+from .errors import ClusterError as ClusterError
 from .errors import DataError as DataError
 from .errors import InputError as InputError
 from .errors import LeakError as LeakError

@@ -152,5 +152,9 @@ class ArtifactError(DataError):
     """A saved model or result was changed, damaged, or written by another version."""
 
 
+class ClusterError(SwashTwinError, RuntimeError):
+    """A cluster is gone, or one of its workers cannot do the work."""
+
+
 class MissingExtraError(SwashTwinError, ImportError):
     """An optional dependency is required but not installed."""

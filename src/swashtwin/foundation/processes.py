@@ -1,42 +1,74 @@
-"""Parallel processes that end with their parent, and limits of threads and memory."""
+"""Parallel work in processes that end with their parent, and limits of threads and memory."""
 
 import ctypes
 import os
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from swashtwin.foundation.cluster import ambient_client, run_on_cluster
 from swashtwin.foundation.errors import DataError, InputError
-
-if TYPE_CHECKING:
-    from joblib import Parallel
 
 # Interval at which a process checks whether its parent is alive.
 _POLL_INTERVAL_S = 1.0
 
 
-def parallel(jobs: int, **options: Any) -> "Parallel":
-    """Return a `joblib.Parallel` whose processes end when this process does, however it ends.
+def parallel(
+    function: Callable[..., Any],
+    cases: Sequence[tuple[Any, ...]],
+    *,
+    jobs: int = 1,
+    files: Sequence[Path | None] = (),
+    folder: Path | None = None,
+) -> Iterator[Any]:
+    """Yield the result of `function` for the arguments of each case, in their order.
+
+    The processes end when this process does, however it ends. Within
+    ``joblib.parallel_config("dask")``, or ``--cluster`` of a command, the workers of that cluster
+    take their place. No other backend is taken from joblib: one that is active is often that of an
+    outer loop.
 
     Parameters
     ----------
-    jobs : number of processes; 1 to work in this process.
-    options : of `joblib.Parallel`.
-    """
-    from joblib import Parallel  # which loads numpy, and the shell's help needs none
+    function : function of a module, or a `functools.partial` of one. A cluster gets it once, so
+        that large arguments that all cases share belong into a partial.
+    cases : arguments of each call.
+    jobs : number of processes; 1 to work in this process, -1 for one a core. A cluster works with
+        all its workers.
+    files : file of each case, which a worker of a cluster must see and errors name; None for a case
+        without one.
+    folder : folder into which the function writes, which a worker of a cluster must see.
 
-    return Parallel(
+    Raises
+    ------
+    ClusterError
+        The cluster is gone, or a worker of it cannot do the work.
+    """
+    client = ambient_client()
+    if client is not None:
+        yield from run_on_cluster(client, function, cases, files, folder)
+        return
+    if jobs == 1:
+        for case in cases:
+            yield function(*case)
+        return
+
+    from joblib import Parallel, delayed  # which loads numpy, and the shell's help needs none
+
+    processes = Parallel(
         n_jobs=jobs,
         backend="loky",
         initializer=exit_with_parent,
         initargs=(os.getpid(),),
-        **options,
+        return_as="generator",
     )
+    yield from processes(delayed(function)(*case) for case in cases)
 
 
 def exit_with_parent(parent: int) -> None:

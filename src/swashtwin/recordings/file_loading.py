@@ -91,7 +91,7 @@ def load_entry(path: Path, entry: Entry) -> Recording:
 
     recording_id = entry.id or raw.facts.get("recording_id") or stem_of(path)
     open_columns = partial(_reopen, path.absolute(), stamp, entry)
-    samples = Samples.from_columns(recording_id, columns, open_columns)
+    samples = Samples.from_columns(recording_id, columns, open_columns, path.absolute())
     attributes = _collect_attributes(raw, entry, selected, contradictions)
     if entry.resample is not None:
         samples, rate, description = resample(samples, rate, entry.resample, source_name)

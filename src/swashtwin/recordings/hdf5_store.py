@@ -126,7 +126,9 @@ def _recording_from_raw(path: Path, raw: RawFile) -> Recording:
         hashes=tuple(facts["hashes"]),
     )
     return Recording(
-        samples=Samples.from_columns(name, columns, partial(_return_columns, columns)),
+        samples=Samples.from_columns(
+            name, columns, partial(_return_columns, columns), path.resolve()
+        ),
         sample_rate=raw.sample_rate,
         recording_id=name,
         channels=tuple(facts["channels"]),

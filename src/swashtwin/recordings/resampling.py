@@ -75,6 +75,7 @@ def resample(samples: Samples, rate: float, requested_rate: str, source_name: st
         np.dtype(np.float64),
         samples.has_speed,
         partial(_resample_columns, samples.unopened(), rate, new_rate, ratio),
+        file=samples.file,
     )
     description = (
         f"from {rate:.15g} Hz to {new_rate:.15g} Hz by "

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,7 @@ class Samples:
     open_columns : opens the file; None for samples in memory.
     columns : the opened file.
     origin : samples from which these were made, such as those they are a slice of.
+    file : absolute path of the file that `open_columns` reads.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class Samples:
         open_columns: Callable[[], Columns] | None,
         columns: Columns | None = None,
         origin: "Samples | None" = None,
+        file: Path | None = None,
     ) -> None:
         self.name = name
         self.shape = shape
@@ -75,6 +78,8 @@ class Samples:
         self.has_speed = has_speed
         self.open_columns = open_columns
         """Opens the file; None for samples in memory."""
+        self.file = file
+        """Absolute path of the file, which another process must see too; None without one."""
         self._columns = columns
         self._arrays: tuple[np.ndarray, np.ndarray | None] | None = None
         self._origin = origin
@@ -82,7 +87,11 @@ class Samples:
 
     @classmethod
     def from_columns(
-        cls, name: str, columns: Columns, open_columns: Callable[[], Columns]
+        cls,
+        name: str,
+        columns: Columns,
+        open_columns: Callable[[], Columns],
+        file: Path | None = None,
     ) -> "Samples":
         """Return the samples of a file that is open; `open_columns` opens it again."""
         shape = columns.shape
@@ -93,7 +102,9 @@ class Samples:
                 f"for {shape[1]} samples."
             )
 
-        samples = cls(name, shape, np.dtype(np.float64), has_speed, open_columns, columns)
+        samples = cls(
+            name, shape, np.dtype(np.float64), has_speed, open_columns, columns, file=file
+        )
         with samples._translate_damage("the first sample cannot be read"):
             samples.dtype = np.result_type(*(number_type(column) for column in columns.channels))
         return samples
@@ -226,7 +237,9 @@ class Samples:
 
         open_selected = partial(_open_selected, self.open_columns, tuple(rows))
         shape = (len(rows), self.shape[1])
-        samples = Samples(self.name, shape, self.dtype, self.has_speed, open_selected)
+        samples = Samples(
+            self.name, shape, self.dtype, self.has_speed, open_selected, file=self.file
+        )
         if self._arrays is not None:
             samples._hold(self.signal[list(rows)], self.speed)
         return samples
@@ -237,7 +250,13 @@ class Samples:
             return self
 
         samples = Samples(
-            self.name, self.shape, self.dtype, self.has_speed, self.open_columns, self._columns
+            self.name,
+            self.shape,
+            self.dtype,
+            self.has_speed,
+            self.open_columns,
+            self._columns,
+            file=self.file,
         )
         samples._hashes = self._hashes
         samples.release()

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int, Shaped
-from joblib import delayed
 
 from swashtwin.foundation import InputError, SwashTwinError, parallel, random_stream
 from swashtwin.pump import CLASSES
@@ -54,7 +54,7 @@ def simulate_changes(
 
     Parameters
     ----------
-    jobs : number of processes.
+    jobs : number of processes, unless a cluster does the work (`swashtwin.foundation.parallel`).
     progress : called with the number of finished pumps, and the total.
 
     Raises
@@ -65,8 +65,8 @@ def simulate_changes(
     if count < 2:
         raise InputError(f"A pump prior needs at least two pumps, not {count}.")
 
-    work = parallel(jobs, return_as="generator")(
-        delayed(_simulate_pump)(prior, seed, number) for number in range(count)
+    work = parallel(
+        partial(_simulate_pump, prior, seed), [(number,) for number in range(count)], jobs=jobs
     )
     changes = []
     scatter = []

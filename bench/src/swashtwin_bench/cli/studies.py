@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli import (
+    Cluster,
     Jobs,
     Json,
     print_note,
@@ -147,12 +148,14 @@ def study(
         ),
     ] = None,
     jobs: Jobs = 2,
+    cluster: Cluster = None,
     device: Annotated[
         Device, typer.Option(help="Device on which networks are trained.")
     ] = Device.cpu,
     as_json: Json = False,
 ) -> None:
     """Run a study, and print its table and its answer."""
+    from swashtwin.foundation import use_cluster
     from swashtwin_bench import Work, run_study, write_study_report
 
     seed_list = read_list(seeds, int, "--seeds") or []
@@ -161,7 +164,7 @@ def study(
     if values.get("precision") == "bfloat16" and device is Device.cpu:
         _warn_of_slow_bfloat16()
 
-    with progress(name) as bar:
+    with use_cluster(cluster), progress(name) as bar:
 
         def show_activity(activity: str, count: int, total: int) -> None:
             if activity.endswith("already finished"):

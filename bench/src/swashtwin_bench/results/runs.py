@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from joblib import delayed
 
 from swashtwin.foundation import (
     ArtifactError,
@@ -167,7 +166,7 @@ class Work:
     seeds: Sequence[int] = (0,)
     """Seeds; on the virtual rig each is a fleet."""
     jobs: int = 1
-    """Number of parallel processes."""
+    """Number of parallel processes, unless a cluster does the work."""
     out: Path | None = None
     """Folder of finished tasks, which a later run reuses; None writes nothing."""
     progress: Progress = field(default=_show_nothing)
@@ -200,13 +199,13 @@ class Work:
         ----------
         activity : name of the work, for `progress`.
         """
-        calls = (delayed(_run_on_one_thread)(function, *arguments) for arguments in cases)
+        calls = [(function, *arguments) for arguments in cases]
 
         results: list[Any] = []
         if cases:
             self.progress(activity, 0, len(cases))
         # A generator, so that progress is reported while later cases still run.
-        for result in parallel(self.jobs, return_as="generator")(calls):
+        for result in parallel(_run_on_one_thread, calls, jobs=self.jobs, folder=self.out):
             results.append(result)
             self.progress(activity, len(results), len(cases))
 

@@ -10,7 +10,6 @@ from types import MappingProxyType
 import numpy as np
 import torch
 from jaxtyping import Float
-from joblib import delayed
 
 from swashtwin.foundation import (
     InputError,
@@ -394,9 +393,9 @@ def _measure_slots(
     for first in range(0, len(slots), batch):
         batch_slots = slots[first : first + batch]
         specimens = [fleet[slot.specimen] for slot in batch_slots]
-        tasks.append(delayed(_measure_batch)(batch_slots, specimens, duration, seed))
+        tasks.append((batch_slots, specimens, duration, seed))
 
-    for pairs in parallel(jobs, return_as="generator")(tasks):
+    for pairs in parallel(_measure_batch, tasks, jobs=jobs):
         yield from pairs
 
 

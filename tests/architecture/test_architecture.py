@@ -85,8 +85,8 @@ def test_every_breach_of_a_contract_is_reported(tmp_path: Path) -> None:
         "import sys; from importlinter.cli import lint_imports; "
         f"sys.exit(lint_imports({str(CONTRACTS)!r}, no_cache=True))"
     )
-    # the contracts' own code lies in tests/support
-    search_path = os.pathsep.join([str(tmp_path), str(ROOT / "tests" / "support")])
+    # the contracts' own code is tests.support.contracts
+    search_path = os.pathsep.join([str(tmp_path), str(ROOT)])
     process = subprocess.run(
         [sys.executable, "-c", code],
         cwd=tmp_path,

@@ -49,6 +49,8 @@ from .severity.severity_result import SeverityTrend as SeverityTrend
 from .severity.severity_search import estimate_severity as estimate_severity
 from .spectrum_objective import Objective as Objective
 from .spectrum_objective import build_objective as build_objective
+from .speed_detection import MIN_CONTRAST as MIN_CONTRAST
+from .speed_detection import DetectedSpeed as DetectedSpeed
 from .speed_detection import detect_speed as detect_speed
 from .speed_detection import require_piston_count as require_piston_count
 from .unknowns import VALUE_SLICE as VALUE_SLICE

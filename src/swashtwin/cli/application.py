@@ -11,6 +11,7 @@ import typer
 from swashtwin.cli import (
     calibrating,
     diagnosing,
+    live,
     models,
     recordings,
     signal,
@@ -26,6 +27,7 @@ Commands = Mapping[str, Callable[..., None]]
 """Commands of a group by name."""
 
 FIRST_SCREEN: Commands = {
+    "record": live.record,
     "index": recordings.index,
     "explore": watching.explore,
     "inspect": recordings.inspect,

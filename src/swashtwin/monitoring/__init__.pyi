@@ -20,4 +20,7 @@ from .page.users import add_user as add_user
 from .page.users import remove_entry as remove_entry
 from .service.judging import Outcome as Outcome
 from .service.running import run_watch as run_watch
+from .sources.live_device import DeviceSettings as DeviceSettings
+from .sources.live_recorder import LiveRecorder as LiveRecorder
+from .sources.live_recorder import LiveSettings as LiveSettings
 from .status import WatchStatus as WatchStatus

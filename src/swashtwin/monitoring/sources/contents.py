@@ -217,7 +217,7 @@ def _with_condition(
     if recording.condition is not None:
         return recording, None
 
-    values = _specified_values(delivery.facts)
+    values = specified_values(delivery.facts)
     if "speed" in recording.attributes:
         values["speed"] = parse_quantity(recording.attributes["speed"], "rad/s", name="speed")
     problem = None
@@ -247,7 +247,7 @@ def _configured_values(machine: Machine) -> dict[str, float]:
     return values
 
 
-def _specified_values(facts: Mapping[str, str]) -> dict[str, float]:
+def specified_values(facts: Mapping[str, str]) -> dict[str, float]:
     """Return the quantities of `OperatingCondition` [SI] among facts."""
     values = {}
     for name, text in facts.items():
@@ -266,7 +266,7 @@ def _tag_values(
     learned at an operating point that mixes all others.
     """
     try:
-        tag_values = _specified_values(tags.require_at(time))
+        tag_values = specified_values(tags.require_at(time))
     except DataError as cause:
         if _is_operating_point({**_configured_values(machine), **values}):
             return {}, f"{cause} The values of the configuration are used."

@@ -1,0 +1,446 @@
+"""A measuring device that streams its samples, through openDAQ.
+
+openDAQ reads the devices of several makers, the sound cards of this computer, and a reference
+device that generates signals. Name, unit, scale and sample rate of a channel come from the
+descriptor of its signal.
+"""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    load_extra,
+    plain_text,
+)
+from swashtwin.recordings import SAMPLE_RATE_RANGE_HZ, RawFile, ReadOptions, resolve_scaling
+
+RATE_PROPERTIES = ("GlobalSampleRate", "SampleRate")
+"""Properties that set the sample rate of a device or of a channel, in the order they are tried."""
+RATE_TOLERANCE = 1e-3
+"""Relative difference of two sample rates that count as equal: clocks of instruments differ."""
+READ_TIME_S = 0.2
+"""Time of samples that one read waits for."""
+MAX_READ_TIME_S = 2.0
+"""Time of samples that one read returns at most, if samples wait."""
+MAX_BACKLOG_S = 10.0
+"""Time of samples that may wait in memory; beyond it they are discarded, so that memory stays
+bounded.
+"""
+LOST_AFTER_S = 3.0
+"""Time without a sample after which a device counts as vanished."""
+
+
+class DeviceChangedError(DataError):
+    """The device changed what it measures: its rate, a unit or a range."""
+
+
+class DeviceLostError(DataError):
+    """The device does not answer, or no longer delivers samples."""
+
+
+@dataclass(frozen=True)
+class DeviceSettings:
+    """Which channels of which device are measured, and how."""
+
+    device: str
+    """Connection string of openDAQ, such as ``"daqref://device0"``."""
+    channels: tuple[str, ...] = ()
+    """Names of the channels, in this order; empty: all but the tachometer."""
+    tacho: str | None = None
+    """Channel with the pulses of a tachometer, which is no channel of the recordings."""
+    sample_rate: float | None = None
+    """Rate that the device must give [Hz]; None takes the rate that it is set to."""
+    unit: str | None = None
+    """Unit of channels whose descriptor states none."""
+    sensitivity: str | tuple[str, ...] | None = None
+    """Sensitivity of the sensors, as of a file: ``"99.7 mV/g"``."""
+    properties: Mapping[str, str] | None = None
+    """Further properties of the device, by their names in openDAQ."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Consecutive samples of all channels."""
+
+    signal: Float[np.ndarray, "channel time"]
+    """Samples in the unit of the recording."""
+    tacho: Float[np.ndarray, " time"] | None
+    """Samples of the tachometer in its own unit."""
+    n_missing: int
+    """Samples that are missing before the block; below zero if the device's clock was set back."""
+    n_discarded: int
+    """Those of them that were discarded here, because they were not taken in time."""
+    start: datetime
+    """When the first sample arrived (UTC), by this computer's clock: that of a device may be
+    unset.
+    """
+
+    def split(self, count: int, sample_rate: float) -> "tuple[Block, Block | None]":
+        """Return the first `count` samples, and the others if there are any."""
+        if self.signal.shape[1] <= count:
+            return self, None
+        first_tacho = rest_tacho = None
+        if self.tacho is not None:
+            first_tacho = self.tacho[:count]
+            rest_tacho = self.tacho[count:]
+
+        first = replace(self, signal=self.signal[:, :count], tacho=first_tacho)
+        rest = Block(
+            self.signal[:, count:],
+            rest_tacho,
+            n_missing=0,
+            n_discarded=0,
+            start=self.start + timedelta(seconds=count / sample_rate),
+        )
+        return first, rest
+
+
+class LiveDevice:
+    """A device that is open, and delivers samples from now on."""
+
+    def __init__(self, settings: DeviceSettings) -> None:
+        """Connect and set up the device.
+
+        Raises
+        ------
+        MissingExtraError
+            openDAQ is not installed.
+        DeviceLostError
+            The device does not answer.
+        InputError, DataError
+            It has no such channel or property, does not give the rate, or a unit is unknown.
+        """
+        self._daq = load_extra("opendaq", "live", "recording from a device")
+        self._settings = settings
+        self._instance = _open_instance()
+        self._reader: Any = None
+        self._device = self._connect()
+        try:
+            self.set_up()
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self) -> Any:
+        name = self._settings.device
+        try:
+            return self._instance.add_device(name)
+        except RuntimeError as cause:
+            devices = [device.connection_string for device in self._instance.available_devices]
+            raise DeviceLostError(
+                f"The device {name!r} does not answer. Check its cable and address, or that no "
+                f"other program uses it. Devices that answer here: {', '.join(devices)}."
+            ) from cause
+
+    def set_up(self) -> None:
+        """Set the device up, also again after it changed, and read it from now on.
+
+        Raises
+        ------
+        InputError, DataError
+            As when it is opened.
+        """
+        for name, text in (self._settings.properties or {}).items():
+            self._set_property(name, text)
+        self._set_rate()
+
+        signals = self._find_signals()
+        names = self._settings.channels
+        if not names:
+            names = tuple(name for name in signals if name != self._settings.tacho)
+        all_names = names
+        if self._settings.tacho is not None:
+            all_names = (*names, self._settings.tacho)
+        for name in all_names:
+            if name not in signals:
+                raise InputError(
+                    f"{self._settings.device} has no channel {name!r}. Its channels are "
+                    f"{', '.join(signals)}.",
+                    field="channels" if name in names else "tachometer",
+                )
+
+        self.channels: tuple[str, ...] = tuple(names)
+        self._signals = [signals[name] for name in all_names]
+        self.sample_rate = self._read_rate(all_names)
+        self._step = _time_step(self._signals[0])
+        self._require_rate()
+        self._factors, self.unit = self._read_scaling()
+        self._start_reading()
+
+    def _find_signals(self) -> dict[str, Any]:
+        """Return the signals that are sampled at a constant rate, by the names of their channels.
+
+        A name that several have is followed by the part of its address that differs.
+        """
+        found = [signal for signal in self._device.signals_recursive if _is_waveform(signal)]
+        if not found:
+            raise DataError(f"{self._settings.device} has no channel with a constant sample rate.")
+
+        names = [_channel_name(signal) for signal in found]
+        signals = {}
+        for name, signal in zip(names, found, strict=True):
+            unique_name = name
+            if names.count(name) > 1:
+                unique_name = f"{name} ({signal.global_id.rpartition('/Sig/')[0]})"
+            signals[unique_name] = signal
+        return signals
+
+    def _set_property(self, name: str, text: str) -> None:
+        device = self._device
+        names = [entry.name for entry in device.visible_properties]
+        if name not in names:
+            raise InputError(
+                f"{self._settings.device} has no property {name!r}. Its properties are "
+                f"{', '.join(names)}."
+            )
+
+        current = device.get_property_value(name)
+        try:
+            device.set_property_value(name, _convert_like(current, text))
+        except (ValueError, TypeError, RuntimeError) as cause:
+            raise InputError(
+                f"{self._settings.device} does not take {name} = {text!r} (now {current!r}): "
+                f"{str(cause).rstrip('.')}."
+            ) from cause
+
+    def _set_rate(self) -> None:
+        """Set the sample rate that the settings require; whether it took is checked later."""
+        rate = self._settings.sample_rate
+        if rate is None:
+            return
+        for component in (self._device, *self._device.channels_recursive):
+            names = [entry.name for entry in component.visible_properties]
+            for name in RATE_PROPERTIES:
+                if name in names:
+                    with suppress(RuntimeError, ValueError, TypeError):
+                        _set_rate_property(component, name, rate)
+                    break
+
+    def _read_rate(self, names: Sequence[str]) -> float:
+        """Return the sample rate that all channels have [Hz]."""
+        rates = {}
+        for name, signal in zip(names, self._signals, strict=True):
+            rates[name] = _sample_rate(signal)
+        first = next(iter(rates.values()))
+        if any(rate != first for rate in rates.values()):
+            described = ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items())
+            raise DataError(
+                f"The channels of {self._settings.device} have different sample rates ({described}"
+                "); a recording has one.",
+                field="channels",
+                remedy="Select {channels} of one rate.",
+            )
+
+        low, high = SAMPLE_RATE_RANGE_HZ
+        if not low <= first <= high:
+            raise DataError(
+                f"{self._settings.device} samples at {first:g} Hz; a vibration recording has "
+                f"{low:g} to {high:g} Hz.",
+                field="sample_rate",
+                remedy="Set {sample_rate='25.6 kHz'}.",
+            )
+        return first
+
+    def _require_rate(self) -> None:
+        rate = self._settings.sample_rate
+        if rate is None or abs(self.sample_rate / rate - 1) <= RATE_TOLERANCE:
+            return
+        raise DataError(
+            f"{self._settings.device} does not give a sample rate of {rate:g} Hz: it samples at "
+            f"{self.sample_rate:g} Hz.",
+            field="sample_rate",
+            remedy=f"Set {{sample_rate='{self.sample_rate:g} Hz'}}, or leave it out.",
+        )
+
+    def _read_scaling(self) -> tuple[Float[np.ndarray, "channel 1"], str]:
+        """Return the factor of each channel, and the unit that it gives."""
+        units = {}
+        is_share = True
+        for name, signal in zip(self.channels, self._signals, strict=False):
+            unit = signal.descriptor.unit
+            if unit is not None and unit.symbol:
+                units[name] = unit.symbol
+            is_share = is_share and _is_share_of_full_scale(signal)
+
+        raw = RawFile(dict.fromkeys(self.channels, np.empty(0)), units=units, full_scale=is_share)
+        options = ReadOptions(unit=self._settings.unit, sensitivity=self._settings.sensitivity)
+        factors, unit = resolve_scaling(raw, options, self.channels, self._settings.device)
+        return np.array(factors)[:, None], unit
+
+    def _start_reading(self) -> None:
+        types = self._daq.SampleType
+        # One reader of all channels starts them at the same time.
+        self._reader = self._daq.MultiReader(self._signals, types.Float64, types.Int64)
+        self._next_tick: int | None = None
+        self._n_discarded = 0
+        self._last_sample_s = time.monotonic()
+
+    def read(self) -> list[Block]:
+        """Return the samples that arrived, as one block for each stretch without a gap.
+
+        Raises
+        ------
+        DeviceChangedError
+            The rate, a unit or a range changed; the device must be opened again.
+        DeviceLostError
+            No sample arrived for `LOST_AFTER_S`.
+        """
+        n_waiting = self._reader.available_count
+        if n_waiting > MAX_BACKLOG_S * self.sample_rate:
+            self._n_discarded += int(self._reader.skip_samples(n_waiting))
+            n_waiting = 0
+
+        count = max(1, round(READ_TIME_S * self.sample_rate))
+        if n_waiting > count:
+            count = min(n_waiting, round(MAX_READ_TIME_S * self.sample_rate))
+        timeout_ms = round(2000 * READ_TIME_S)
+        values, ticks, status = self._reader.read_with_domain(count, timeout_ms, True)
+
+        if values.shape[-1]:
+            self._last_sample_s = time.monotonic()
+            return self._split_at_gaps(np.atleast_2d(values), np.atleast_2d(ticks)[0])
+        if not status.valid:
+            raise DeviceChangedError(self._describe_change())
+        if time.monotonic() - self._last_sample_s > LOST_AFTER_S:
+            raise DeviceLostError(
+                f"{self._settings.device} has delivered no sample for {LOST_AFTER_S:g} s."
+            )
+        return []
+
+    def _split_at_gaps(self, values: np.ndarray, ticks: np.ndarray) -> list[Block]:
+        # A device may round the time of its samples, but not by half the time between two.
+        is_gap = np.abs(np.diff(ticks) - self._step) > self._step / 2
+        bounds = [0, *(np.flatnonzero(is_gap) + 1), ticks.size]
+        # Samples that wait have arrived, too.
+        delay = timedelta(seconds=self._reader.available_count / self.sample_rate)
+        end = datetime.now(UTC) - delay
+
+        blocks = []
+        for start, stop in pairwise(bounds):
+            n_missing = 0
+            if self._next_tick is not None:
+                n_missing = round((int(ticks[start]) - self._next_tick) / self._step)
+            self._next_tick = int(ticks[stop - 1]) + self._step
+            age = (int(ticks[-1]) - int(ticks[start])) / self._step / self.sample_rate
+            time_of_start = end - timedelta(seconds=age)
+            blocks.append(self._block(values[:, start:stop], n_missing, time_of_start))
+        return blocks
+
+    def _block(self, values: np.ndarray, n_missing: int, start: datetime) -> Block:
+        n_channels = len(self.channels)
+        tacho = None
+        if self._settings.tacho is not None:
+            tacho = values[n_channels]
+
+        n_discarded = self._n_discarded
+        self._n_discarded = 0
+        return Block(values[:n_channels] * self._factors, tacho, n_missing, n_discarded, start)
+
+    def _describe_change(self) -> str:
+        """Return what changed, as far as the descriptors show it."""
+        name = self._settings.device
+        try:
+            rate = _sample_rate(self._signals[0])
+        except (DataError, RuntimeError):
+            return f"{name} changed how its samples are timed."
+        if abs(rate / self.sample_rate - 1) > RATE_TOLERANCE:
+            return f"{name} changed its sample rate from {self.sample_rate:g} to {rate:g} Hz."
+        return f"{name} changed the unit, the range or the type of a channel."
+
+    def close(self) -> None:
+        """Disconnect the device."""
+        self._reader = None
+        self._signals = []
+        with suppress(RuntimeError):  # it was removed already
+            self._instance.remove_device(self._device)
+
+
+@cache
+def _open_instance() -> Any:
+    """Return the instance of openDAQ of this process, which loads its modules once."""
+    daq = load_extra("opendaq", "live", "recording from a device")
+    builder = daq.InstanceBuilder()
+    # It writes each failed attempt to connect to the terminal.
+    builder.global_log_level = daq.LogLevel.Off
+    return builder.build()
+
+
+def _is_waveform(signal: Any) -> bool:
+    """Whether a signal has single numbers at a constant rate."""
+    descriptor = signal.descriptor
+    domain = signal.domain_signal
+    if descriptor is None or domain is None or domain.descriptor is None:
+        return False
+    if len(descriptor.dimensions) or descriptor.sample_type.name not in _REAL_TYPES:
+        return False
+    rule = domain.descriptor.rule
+    return domain.descriptor.tick_resolution is not None and rule.type.name == "Linear"
+
+
+_REAL_TYPES = (
+    *("Float32", "Float64"),
+    *("Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16", "UInt32", "UInt64"),
+)
+
+
+def _channel_name(signal: Any) -> str:
+    return plain_text(signal.descriptor.name or signal.name) or signal.global_id
+
+
+def _time_step(signal: Any) -> int:
+    """Return the ticks between two samples."""
+    parameters = dict(signal.domain_signal.descriptor.rule.parameters)
+    return int(parameters["delta"])
+
+
+def _sample_rate(signal: Any) -> float:
+    """Return the samples per second that the domain of a signal states [Hz]."""
+    resolution = signal.domain_signal.descriptor.tick_resolution
+    if resolution is None:
+        raise DataError(f"{signal.name} states no sample rate.")
+    return float(resolution.denominator) / (_time_step(signal) * float(resolution.numerator))
+
+
+def _is_share_of_full_scale(signal: Any) -> bool:
+    """Whether a signal has no unit and ranges from -1 to 1, as that of a sound card."""
+    descriptor = signal.descriptor
+    limits = descriptor.value_range
+    if descriptor.unit is not None or limits is None:
+        return False
+    return (float(limits.low_value), float(limits.high_value)) == (-1.0, 1.0)
+
+
+def _convert_like(current: object, text: str) -> object:
+    """Return a text as the type of a property's current value."""
+    if isinstance(current, bool):
+        if text.lower() not in ("true", "false"):
+            raise ValueError("it must be true or false")
+        return text.lower() == "true"
+    if isinstance(current, int):
+        return int(text)
+    if isinstance(current, float):
+        return float(text)
+    return text
+
+
+def _set_rate_property(component: Any, name: str, rate: float) -> None:
+    """Set a rate as a number, or as the choice of that number."""
+    choices = component.get_property(name).selection_values
+    if choices is None:
+        component.set_property_value(name, rate)
+        return
+    for key, value in dict(choices).items():
+        if math.isclose(float(str(value)), rate, rel_tol=RATE_TOLERANCE):
+            component.set_property_value(name, key)

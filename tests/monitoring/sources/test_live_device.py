@@ -1,0 +1,218 @@
+"""Recording real devices: the reference device and a sound card without hardware, of openDAQ."""
+
+import math
+import sys
+import threading
+from collections.abc import Iterator
+from errno import ENOSPC
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commandline import run, run_json
+
+from swashtwin.foundation import DataError, InputError, MissingExtraError
+from swashtwin.monitoring.sources import live_device
+from swashtwin.monitoring.sources.live_device import DeviceSettings, LiveDevice
+from swashtwin.monitoring.sources.live_recorder import LiveRecorder, LiveSettings
+from swashtwin.recordings import Finding, Recording, load_recording
+
+DEVICE = "daqref://device0"
+SOUND_CARD = "miniaudio://alsa/null"
+AMPLITUDE_V = 5.0
+"""Amplitude of the sines of the reference device, which have 10 Hz."""
+
+
+@pytest.fixture(autouse=True)
+def _opendaq() -> None:
+    pytest.importorskip("opendaq")
+
+
+def settings(device: str = DEVICE, **changes: Any) -> DeviceSettings:
+    facts = {"sample_rate": 50e3, "sensitivity": "100 mV/g", **changes}
+    return DeviceSettings(device, **facts)
+
+
+def take(recorder: LiveRecorder, count: int) -> Iterator[Recording | Finding]:
+    """Yield what a recorder yields, until `count` recordings are complete."""
+    for item in recorder.run(threading.Event()):
+        yield item
+        count -= isinstance(item, Recording)
+        if not count:
+            return
+
+
+def test_numbers_and_facts_are_those_of_the_descriptor() -> None:
+    recorder = LiveRecorder(LiveSettings(settings(properties={"NumberOfChannels": "3"}), 0.2))
+    first, second = take(recorder, 2)
+    recorder.close()
+
+    assert isinstance(first, Recording)
+    assert isinstance(second, Recording)
+    assert first.channels == ("AI 1", "AI 2", "AI 3")
+    assert (first.unit, first.sample_rate, first.n_samples) == ("m/s^2", 50e3, 10_000)
+
+    # 5 V at 100 mV/g are 50 g.
+    signal = np.concatenate([first.signal, second.signal], axis=1)
+    assert signal.max(axis=1) == pytest.approx([50 * 9.80665] * 3, rel=1e-6)
+
+    # The second recording continues the first: a sine obeys its differential equation throughout.
+    curvature = np.diff(signal, 2) * 50e3**2
+    expected = -((2 * math.pi * 10) ** 2) * signal[:, 1:-1]
+    assert np.abs(curvature - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+def test_volts_stay_volts_without_a_sensitivity() -> None:
+    device = LiveDevice(settings(sensitivity=None))
+
+    assert device.unit == "V"
+    device.close()
+
+
+def test_a_tachometer_gives_the_speed_and_is_no_channel() -> None:
+    device = settings(channels=("AI 1",), tacho="AI 2")
+    recorder = LiveRecorder(LiveSettings(device, 0.5, pulses_per_turn=2))
+    (recording,) = take(recorder, 1)
+    recorder.close()
+
+    assert isinstance(recording, Recording)
+    assert recording.channels == ("AI 1",)
+    assert recording.attributes["speed"] == "300 rpm"  # ten pulses a second, two in a turn
+    assert recording.speed is not None
+    np.testing.assert_allclose(recording.speed, 10 * math.pi, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"sample_rate": 51.2e3},
+            "does not give a sample rate of 51200 Hz: it samples at 50000 Hz. Set "
+            "sample_rate='50000 Hz', or leave it out.",
+        ),
+        ({"channels": ("AI 7",)}, "has no channel 'AI 7'. Its channels are AI 1, AI 2."),
+        ({"properties": {"Gain": "2"}}, "has no property 'Gain'. Its properties are Number"),
+        ({"properties": {"NumberOfChannels": "two"}}, "does not take NumberOfChannels = 'two'"),
+        ({"sensitivity": "fast"}, "sensitivity (fast) must be a number with its unit"),
+        ({"device": "daqref://device9"}, "does not answer. Check its cable and address, or"),
+        ({"device": "nonsense"}, "Devices that answer here: daqref://device0"),
+        ({"device": SOUND_CARD, "sample_rate": None, "sensitivity": None}, "Set sensitivity="),
+    ],
+)
+def test_what_a_device_cannot_do_is_refused_with_the_fix(
+    changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises((DataError, InputError)) as caught:
+        LiveDevice(settings(**changes))
+
+    assert message in str(caught.value)
+    # The failed attempt does not hold the device.
+    LiveDevice(settings()).close()
+
+
+def test_without_opendaq_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "opendaq", None)
+
+    with pytest.raises(MissingExtraError, match=r'pip install "swashtwin\[live\]"'):
+        LiveDevice(settings())
+
+
+def test_a_changed_rate_is_a_finding_and_recorded_on() -> None:
+    recorder = LiveRecorder(LiveSettings(settings(sample_rate=None), 0.3))
+    items = recorder.run(threading.Event())
+    first = next(items)
+    recorder._device._device.set_property_value("GlobalSampleRate", 20e3)
+    findings = []
+    for item in items:
+        if isinstance(item, Recording) and item.sample_rate == 20e3:
+            break
+        if isinstance(item, Finding):
+            findings.append(item)
+    items.close()
+    recorder.close()
+
+    assert isinstance(first, Recording)
+    assert findings[0].kind == "changed"
+    assert "changed its sample rate from 1000 to 20000 Hz" in findings[0].message
+    assert findings[-1].kind == "back"
+
+
+def test_a_device_that_vanishes_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_device, "LOST_AFTER_S", 0.3)
+    recorder = LiveRecorder(LiveSettings(settings(), 0.3))
+    items = recorder.run(threading.Event())
+    assert isinstance(next(items), Recording)
+
+    device = recorder._device
+    device._instance.remove_device(device._device)
+    kinds = []
+    for item in items:
+        if isinstance(item, Recording) and "back" in kinds:
+            break
+        if isinstance(item, Finding):
+            kinds.append(item.kind)
+    items.close()
+    recorder.close()
+
+    assert kinds[0] == "vanished"
+    assert kinds[-1] == "back"
+
+
+def test_samples_that_nobody_takes_are_discarded_and_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(live_device, "MAX_BACKLOG_S", 0.2)
+    recorder = LiveRecorder(LiveSettings(settings(), 0.2))
+    items = recorder.run(threading.Event())
+    assert isinstance(next(items), Recording)
+
+    threading.Event().wait(0.5)
+    overrun = next(item for item in items if isinstance(item, Finding))
+    items.close()
+    recorder.close()
+
+    assert overrun.kind == "overrun"
+    assert "were discarded: they arrived faster" in overrun.message
+
+
+def test_a_sound_card_has_the_scale_of_its_sensitivity() -> None:
+    device = LiveDevice(settings(SOUND_CARD, sample_rate=22_050.0, sensitivity="50 m/s^2"))
+    try:
+        assert (device.sample_rate, device.unit) == (22_050.0, "m/s^2")
+        assert device._factors.tolist() == [[50.0]]
+    finally:
+        device.close()
+
+
+COMMAND = ("record", DEVICE, "--length", "0.2 s", "--sample-rate", "50 kHz")
+
+
+def test_the_command_writes_recordings_that_other_commands_read(tmp_path: Path) -> None:
+    scale = ("--sensitivity", "100 mV/g", "--speed", "860 rpm", "--channels", "AI 2")
+    answer = run_json(*COMMAND, "--out", tmp_path, "--count", 2, *scale)
+
+    files = sorted(tmp_path.iterdir())
+    assert answer["recordings"] == len(files) == 2
+    assert answer["findings"] == {}
+    recording = load_recording(files[0])
+    assert recording.unit == "m/s^2"
+    assert recording.attributes["speed"] == "860 rpm"
+    assert recording.attributes["device"] == DEVICE
+    assert run_json("inspect", files[0])["recordings"][0]["channels"][0]["name"] == "AI 2"
+
+
+def test_a_full_disk_loses_no_file_and_leaves_no_half(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from swashtwin.recordings.formats import hdf5
+
+    def fail(recording: Recording, path: Path) -> None:
+        path.write_bytes(b"half")
+        raise OSError(ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(hdf5, "write", fail)
+    result = run(*COMMAND, "--out", tmp_path, code=3)
+
+    assert "(No space left on device), and its 0.2 s are lost; all earlier" in result.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -59,10 +59,12 @@ class OperatingPointBaseline:
     """Whether enough recordings were learned from."""
     dropped: int = 0
     """Recordings that were not learned from because they deviated from the others."""
-    orders: Float64[np.ndarray, "recording order_band"] = field(
+    orders: Float64[np.ndarray, "order_recording order_band"] = field(
         default_factory=lambda: np.empty((0, 0)), repr=False
     )
-    """Band powers of the same recordings that a pump prior compares (`measure_orders`)."""
+    """Band powers of the same recordings that a pump prior compares (`measure_orders`); empty if
+    they were not measured.
+    """
     pistons: int | None = None
     """Piston count for which `orders` were measured; None if they were not measured."""
 

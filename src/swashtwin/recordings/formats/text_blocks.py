@@ -2,9 +2,9 @@
 
 import codecs
 import gzip
+import io
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 from swashtwin.foundation import DataError
 
@@ -85,7 +85,7 @@ def _decoded_chunks(path: Path) -> Iterator[bytes]:
             yield utf16.decode(b"", final=True).encode()
 
 
-def _open(path: Path) -> BinaryIO | gzip.GzipFile:
+def _open(path: Path) -> io.BufferedIOBase:
     if path.suffix.lower() == ".gz":
         return gzip.open(path)
     return path.open("rb")

@@ -6,6 +6,8 @@ import errno
 import multiprocessing
 import random
 import shutil
+import sqlite3
+import threading
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -18,7 +20,7 @@ from sqlalchemy import event, text
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.monitoring.history import waveforms
-from swashtwin.monitoring.history.database import HistoryError, _open_engine
+from swashtwin.monitoring.history.database import SQLITE_FILE, HistoryError, _open_engine
 from swashtwin.monitoring.history.history import History
 
 # the writers are forked before they start threads
@@ -176,6 +178,21 @@ def test_a_claimed_message_is_due_again_after_its_lease(
 
     history.outbox.mark_sent(last_claim.id)
     assert history.outbox.waiting(["log"]) == 0
+
+
+def test_a_new_history_waits_for_a_process_that_has_begun_to_write_to_it(tmp_path: Path) -> None:
+    writer = sqlite3.connect(tmp_path / SQLITE_FILE, check_same_thread=False)
+    writer.isolation_level = None
+    writer.execute("BEGIN IMMEDIATE")
+
+    release = threading.Timer(0.3, writer.rollback)
+    release.start()
+    history = History.open("", tmp_path)
+    release.join()
+
+    assert list(history.reader.machines()) == []
+    history.close()
+    writer.close()
 
 
 def test_a_full_sqlite_disk_is_one_error_after_which_the_history_goes_on(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The database of the history, with one error for all failures that may be temporary."""
 
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,6 +37,9 @@ was cut off, and its lock would keep out all others.
 """
 N_CONNECTIONS = 8
 """Connections to PostgreSQL: threads of the watch, and requests to the page."""
+
+# Interval at which a lock that SQLite does not wait for is tried again.
+_LOCK_POLL_S = 0.05
 
 # Number of the lock under which one process at a time creates the tables in PostgreSQL.
 _SCHEMA_LOCK = 0x73776173
@@ -243,8 +247,9 @@ def _sqlite_engine(address: URL, is_new: bool) -> Engine:
     def prepare(connection: sqlite3.Connection, _: object) -> None:
         # Transactions begin in `begin` below, not when the driver guesses.
         connection.isolation_level = None
-        # WAL: the page reads while the watch writes. FULL: a commit survives a power cut.
-        for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+        _use_write_ahead_log(connection)
+        # FULL: a commit survives a power cut.
+        for pragma in ("synchronous = FULL", "foreign_keys = ON"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")
@@ -256,6 +261,24 @@ def _sqlite_engine(address: URL, is_new: bool) -> Engine:
         connection.exec_driver_sql(command)
 
     return engine
+
+
+def _use_write_ahead_log(connection: sqlite3.Connection) -> None:
+    """Let the page read while the watch writes; the file remembers that.
+
+    If another process has just begun to write to a new file, SQLite refuses the change at once,
+    whatever the connection's timeout is.
+    """
+    deadline = time.monotonic() + LOCK_TIMEOUT_S
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            return
+        except sqlite3.OperationalError as cause:
+            is_locked = cause.sqlite_errorcode == sqlite3.SQLITE_BUSY
+            if not is_locked or time.monotonic() > deadline:
+                raise
+        time.sleep(_LOCK_POLL_S)
 
 
 @contextmanager

@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commandline import FACTS, run, write_tones
 
+from swashtwin.cli import signal as signal_commands
 from swashtwin.foundation import ClusterError, DataError, cluster, parallel, processes, use_cluster
 
 PARENT = os.getpid()
@@ -74,6 +76,36 @@ def test_an_address_that_is_none_is_refused_before_dask_is_loaded(address: str) 
     ):
         pass
     assert refusal.value.field == "cluster"
+
+
+def test_the_shell_names_the_option(tmp_path: Path) -> None:
+    write_tones(tmp_path, 1)
+    files = sorted(tmp_path.glob("*.csv"))
+    answer = run("signal", "features", *files, *FACTS, "--cluster", "10.0.0.5:8786", code=3)
+    assert "error: Invalid address of a cluster '10.0.0.5:8786'" in answer.stderr
+    assert answer.stderr.rstrip().endswith("(--cluster)")
+
+
+def test_finished_indicators_stay_if_the_cluster_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_tones(tmp_path, 1)
+    files = sorted(tmp_path.glob("*.csv"))
+    describe = signal_commands._describe_recording
+    described = []
+
+    def describe_until_lost(*arguments: Any) -> Any:
+        described.append(arguments[-1].recording_id)
+        if len(described) == 2:
+            raise ClusterError("The Dask scheduler is gone.", field="cluster")
+        return describe(*arguments)
+
+    monkeypatch.setattr(signal_commands, "_describe_recording", describe_until_lost)
+    command = ("signal", "features", *files, *FACTS, "--out", tmp_path / "out.csv")
+    run(*command, code=3)
+    assert (tmp_path / "out.csv.partial").exists()
+    run(*command)
+    assert described == ["normal_1", "piston_1", "piston_1"]
 
 
 def test_without_an_address_this_computer_works() -> None:
@@ -275,6 +307,21 @@ def test_a_cluster_has_the_bits_of_one_process(real_cluster: RealCluster, tmp_pa
 
         # and work goes on
         assert list(parallel(square, cases)) == [n * n for (n,) in cases]
+
+
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("default")
+def test_indicators_on_a_cluster_are_those_of_this_computer(
+    real_cluster: RealCluster, tmp_path: Path
+) -> None:
+    tones = write_tones(tmp_path / "tones", 3)
+    run("index", tones, *FACTS)
+    here, there = tmp_path / "here.csv", tmp_path / "there.csv"
+
+    run("signal", "features", tones, "--out", here)
+    run("signal", "features", tones, "--out", there, "--cluster", real_cluster.address)
+    assert there.read_bytes() == here.read_bytes()
+    assert not list(tmp_path.glob("*.partial"))
 
 
 @pytest.mark.nightly

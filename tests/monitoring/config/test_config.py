@@ -61,7 +61,7 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
     names = ("HISTORY_PASSWORD", "MQTT_PASSWORD", "WEBHOOK_TOKEN", "MAIL_PASSWORD")
     config = load_watch_config(path, dict.fromkeys(names, "p@ss/word"))
 
-    assert [source.kind for source in config.sources] == ["folder", "mqtt", "http"]
+    assert [source.kind for source in config.sources] == ["folder", "mqtt", "http", "live"]
     assert [channel.kind for channel in config.channels] == ["log", "webhook", "mqtt", "email"]
     assert config.history_url == "postgresql://swashtwin:p%40ss%2Fword@db.example/swashtwin"
     mqtt = config.sources[1]
@@ -130,6 +130,10 @@ def test_a_limit_of_a_severity_is_checked_when_the_file_is_read(
         ("[[source]]\nkind='folder'\npath='b'", "2 of .* have the name 'folder'"),
         ("[[source]]\nkind='folder'\nname='b'\npath='b'\nmachine='pump-2'", "machines are pump-1"),
         ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\nport=99999", "65535"),
+        (
+            "[[source]]\nkind='live'\ndevice='d'\nmachine='pump-1'\ninterval='5 s'",
+            "interval = 5 s is shorter than length = 10 s",
+        ),
         # a configuration is sent to others and kept under version control, a password must not be
         ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\npassword='clear'", "is written out"),
         (

@@ -97,8 +97,8 @@ def _describe_entry_error(text: str) -> str:
     ).rstrip(".")
     if "kind: " in text:
         text += (
-            "; the kinds of a source are folder, mqtt, http, those of a channel log, webhook, "
-            "mqtt, email"
+            "; the kinds of a source are folder, mqtt, http, live, those of a channel log, "
+            "webhook, mqtt, email"
         )
     return text
 

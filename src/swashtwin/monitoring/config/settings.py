@@ -233,6 +233,40 @@ class HttpSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="http
     name: Text = "http"
 
 
+class LiveSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="live"):
+    """Recordings that the watch itself makes of a measuring device or a sound card."""
+
+    name: Text = "live"
+    device: Text
+    """Connection string of openDAQ, such as ``"daqref://device0"``."""
+    machine: Text
+    """Machine that the device measures."""
+    length: Seconds = Seconds(10.0)
+    """Length of each recording [s]."""
+    interval: Seconds | None = None
+    """Time from the start of a recording to that of the next [s]; by default no gap."""
+    channels: tuple[Text, ...] = ()
+    """Names of the channels at the device; by default all but the tachometer."""
+    tachometer: Text | None = None
+    """Channel with the pulses of a tachometer, which measures the speed."""
+    pulses_per_turn: Annotated[int, Meta(ge=1)] = 1
+    """Pulses of the tachometer in a revolution."""
+    sample_rate: Rate | None = None
+    """Rate that the device must give [Hz]; by default the one that it is set to."""
+    unit: Text | None = None
+    """Unit of channels for which the device states none."""
+    sensitivity: Text | tuple[Text, ...] | None = None
+    """Sensitivity of the sensors, as in an index: ``"99.7 mV/g"``."""
+    properties: dict[Text, Text] = {}
+    """Further properties of the device, by their names in openDAQ."""
+
+    def __post_init__(self) -> None:
+        if self.interval is not None and self.interval < self.length:
+            raise ValueError(
+                f"interval = {self.interval:g} s is shorter than length = {self.length:g} s"
+            )
+
+
 class AlarmSettings(Entries, frozen=True, kw_only=True):
     """What the alarm promises, and what it learns from."""
 
@@ -353,7 +387,7 @@ class PageSettings(Entries, frozen=True, kw_only=True):
         return f"http://{host}:{self.port}"
 
 
-Source: TypeAlias = FolderSource | MqttSource | HttpSource
+Source: TypeAlias = FolderSource | MqttSource | HttpSource | LiveSource
 Channel: TypeAlias = LogChannel | WebhookChannel | MqttChannel | EmailChannel
 
 

@@ -14,13 +14,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swashtwin.foundation import InputError, SwashTwinError, return_memory
-from swashtwin.monitoring.config.settings import FolderSource, HttpSource, MqttSource, WatchConfig
+from swashtwin.monitoring.config.settings import (
+    FolderSource,
+    HttpSource,
+    LiveSource,
+    MqttSource,
+    WatchConfig,
+)
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.service.deliveries import N_IN_A_ROW
 from swashtwin.monitoring.service.outbox_sender import OutboxSender
 from swashtwin.monitoring.sources.delivery import Delivery, accept_facts
 from swashtwin.monitoring.sources.folder import FolderWatch
+from swashtwin.monitoring.sources.live import LiveWatch
 from swashtwin.monitoring.sources.mqtt import MqttWatch
 from swashtwin.monitoring.sources.spool import Spool, lock_folder
 from swashtwin.monitoring.status import SourceStatus, WatchStatus
@@ -57,7 +64,7 @@ class Watch:
         self._stop = threading.Event()
         self._spool = Spool(config.folder / "spool")
         self._sender = OutboxSender(config, history)
-        self._sources: list[FolderWatch | MqttWatch] = []
+        self._sources: list[FolderWatch | MqttWatch | LiveWatch] = []
         self._uploads: SourceStatus | None = None
         self._n_refused_uploads = 0
         """Uploads in a row whose facts were invalid."""
@@ -83,6 +90,8 @@ class Watch:
                     self._sources.append(FolderWatch(source, self._spool.add, self.config.folder))
                 case MqttSource():
                     self._sources.append(MqttWatch(source, self._spool.add, f"swashtwin-{digest}"))
+                case LiveSource():
+                    self._sources.append(LiveWatch(source, self._spool.add, self.config))
                 case HttpSource():
                     self._uploads = SourceStatus(source.name, source.kind)
 

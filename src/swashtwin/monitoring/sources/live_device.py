@@ -34,7 +34,7 @@ READ_TIME_S = 0.2
 """Time of samples that one read waits for."""
 MAX_READ_TIME_S = 2.0
 """Time of samples that one read returns at most, if samples wait."""
-MAX_BACKLOG_S = 10.0
+MAX_BACKLOG_S = 30.0
 """Time of samples that may wait in memory; beyond it they are discarded, so that memory stays
 bounded.
 """

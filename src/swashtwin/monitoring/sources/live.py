@@ -1,0 +1,135 @@
+"""A device that the watch itself records.
+
+No device keeps what is not taken, so a recording that the disk does not take is lost, and the
+status of the source says so.
+"""
+
+import logging
+import threading
+from contextlib import closing
+from datetime import UTC, datetime
+
+from swashtwin.foundation import SwashTwinError, require_modules, safe_file_name
+from swashtwin.monitoring.config.settings import LiveSource, WatchConfig
+from swashtwin.monitoring.sources.delivery import MAX_RECORDING_BYTES, Accept, Delivery
+from swashtwin.monitoring.sources.live_device import DeviceSettings
+from swashtwin.monitoring.sources.live_recorder import (
+    FIRST_PAUSE_S,
+    MAX_PAUSE_S,
+    LiveRecorder,
+    LiveSettings,
+)
+from swashtwin.monitoring.status import SourceStatus
+from swashtwin.recordings import Finding, Recording, write_recording
+
+_HEADER_BYTES = 1 << 20
+"""Bytes of a file that are no samples, at most."""
+_log = logging.getLogger("swashtwin.watch")
+
+
+class LiveWatch:
+    """Records one device."""
+
+    def __init__(self, source: LiveSource, accept: Accept, config: WatchConfig) -> None:
+        """Record `source` into the folder of the watch.
+
+        Raises
+        ------
+        MissingExtraError
+            openDAQ is not installed.
+        """
+        require_modules("opendaq", extra="live", need="a live source")
+        self.status = SourceStatus(source.name, source.kind)
+        self._source = source
+        self._accept = accept
+        self._folder = config.folder / "live" / safe_file_name(source.name)
+        self._settings = _recorder_settings(source, config)
+
+    def run(self, stop: threading.Event) -> None:
+        """Record until `stop` is set."""
+        pause = FIRST_PAUSE_S
+        while not stop.is_set():
+            try:
+                recorder = LiveRecorder(self._settings)
+            except SwashTwinError as cause:
+                self._fail(str(cause))
+                stop.wait(pause)
+                pause = min(2 * pause, MAX_PAUSE_S)
+                continue
+
+            self.status.succeed()
+            with closing(recorder):
+                for item in recorder.run(stop):
+                    if isinstance(item, Finding):
+                        self._report(item)
+                    else:
+                        self._deliver(item)
+
+    def _fail(self, problem: str) -> None:
+        if problem != self.status.problem:
+            _log.warning("source %s: %s", self.status.name, problem)
+        self.status.fail(problem)
+
+    def _report(self, finding: Finding) -> None:
+        """Show a finding until the next recording is delivered."""
+        if finding.severity == "note":
+            _log.info("source %s: %s", self.status.name, finding.message)
+        else:
+            self._fail(finding.message)
+
+    def _deliver(self, recording: Recording) -> None:
+        """Put a complete recording into the spool.
+
+        One that was cut off differs from the baseline by its length alone.
+        """
+        if recording.n_samples < round(self._settings.length * recording.sample_rate):
+            return
+
+        path = self._folder / f"{recording.recording_id}.h5"
+        delivery = Delivery(
+            self._source.name,
+            path.name,
+            datetime.now(UTC),
+            self._source.machine,
+            {"time": recording.attributes["date"]},
+        )
+        try:
+            write_recording(recording, path)
+            self._accept(delivery, path)
+        except OSError as cause:
+            self._fail(
+                f"a recording of {recording.duration:.4g} s is lost, because it cannot be written: "
+                f"{cause.strerror or cause}"
+            )
+            path.unlink(missing_ok=True)
+            return
+        self.status.succeed(1)
+
+
+def _recorder_settings(source: LiveSource, config: WatchConfig) -> LiveSettings:
+    machine = config.machine(source.machine)
+    assert machine is not None  # the configuration was checked
+
+    # Any other speed is better than one of the spectrum.
+    piston_count = None
+    if machine.speed is None and machine.tags is None and source.tachometer is None:
+        piston_count = machine.piston_count
+
+    device = DeviceSettings(
+        source.device,
+        channels=source.channels,
+        tacho=source.tachometer,
+        sample_rate=source.sample_rate,
+        unit=source.unit,
+        sensitivity=source.sensitivity,
+        properties=source.properties,
+    )
+    return LiveSettings(
+        device,
+        source.length,
+        interval=source.interval,
+        name=safe_file_name(source.machine),
+        pulses_per_turn=source.pulses_per_turn,
+        piston_count=piston_count,
+        max_bytes=MAX_RECORDING_BYTES - _HEADER_BYTES,
+    )

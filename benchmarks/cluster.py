@@ -97,7 +97,7 @@ def main() -> None:
         folder = (options.folder or Path(temporary)).resolve()
         model_file, index = prepare(folder, options.recordings)
         model = load_model(model_file)
-        opening_s, _, recordings = timed(lambda: list(load_recordings(index)))
+        _, opening_cpu_s, recordings = timed(lambda: list(load_recordings(index)))
 
         def diagnose(count: int) -> str:
             verdicts = diagnose_recordings(model, recordings[:count], jobs=WORKERS)
@@ -164,7 +164,7 @@ def main() -> None:
         "same_bits": all(len(set(answers)) == 1 for answers in results.values()),
         "worker_killed": victim not in survivors,
         "diagnoses_killed_s": killed_s,
-        "opening_s": opening_s,
+        "opening_cpu_s": opening_cpu_s,
         "recordings": options.recordings,
         "pumps": options.pumps,
         "rounds": options.rounds,

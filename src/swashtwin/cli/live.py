@@ -23,8 +23,8 @@ def record(
         str,
         typer.Argument(
             metavar="DEVICE",
-            help='Connection string of openDAQ: "daq.nd://192.168.0.9", "miniaudio://...", or '
-            '"daqref://device0" for generated signals.',
+            help='Connection string of openDAQ: "daq.nd://192.168.0.9", or "daqref://device0" for '
+            "generated signals.",
         ),
     ],
     out: Annotated[
@@ -53,8 +53,7 @@ def record(
     sensitivity: Annotated[
         list[str] | None,
         typer.Option(
-            help='Scale of the channels: "99.7 mV/g", "50 m/s^2" (full scale of a sound card), or '
-            "NAME=SCALE for one channel. Repeatable."
+            help='Scale of the channels: "99.7 mV/g", or NAME=SCALE for one channel. Repeatable.'
         ),
     ] = None,
     settings: Settings = None,
@@ -72,7 +71,7 @@ def record(
     pistons: Pistons = None,
     as_json: Json = False,
 ) -> None:
-    """Record a measuring device or a sound card, one file after the other or one per interval.
+    """Record a measuring device, one file after the other or one per interval.
 
     Without a speed, tags or a tachometer, --pistons estimates the speed from the spectrum.
     """

@@ -1,4 +1,4 @@
-"""Recording real devices: the reference device and a sound card without hardware, of openDAQ."""
+"""Recording the reference device of openDAQ."""
 
 import math
 import sys
@@ -19,7 +19,6 @@ from swashtwin.monitoring.sources.live_recorder import LiveRecorder, LiveSetting
 from swashtwin.recordings import Finding, Recording, load_recording
 
 DEVICE = "daqref://device0"
-SOUND_CARD = "miniaudio://alsa/null"
 AMPLITUDE_V = 5.0
 """Amplitude of the sines of the reference device, which have 10 Hz."""
 
@@ -97,7 +96,7 @@ def test_a_tachometer_gives_the_speed_and_is_no_channel() -> None:
         ({"sensitivity": "fast"}, "sensitivity (fast) must be a number with its unit"),
         ({"device": "daqref://device9"}, "does not answer. Check its cable and address, or"),
         ({"device": "nonsense"}, "Devices that answer here: daqref://device0"),
-        ({"device": SOUND_CARD, "sample_rate": None, "sensitivity": None}, "Set sensitivity="),
+        ({"device": "miniaudio://alsa/null"}, "The sound card 'miniaudio://alsa/null' cannot be"),
     ],
 )
 def test_what_a_device_cannot_do_is_refused_with_the_fix(
@@ -174,15 +173,6 @@ def test_samples_that_nobody_takes_are_discarded_and_reported(
 
     assert overrun.kind == "overrun"
     assert "were discarded: they arrived faster" in overrun.message
-
-
-def test_a_sound_card_has_the_scale_of_its_sensitivity() -> None:
-    device = LiveDevice(settings(SOUND_CARD, sample_rate=22_050.0, sensitivity="50 m/s^2"))
-    try:
-        assert (device.sample_rate, device.unit) == (22_050.0, "m/s^2")
-        assert device._factors.tolist() == [[50.0]]
-    finally:
-        device.close()
 
 
 COMMAND = ("record", DEVICE, "--length", "0.2 s", "--sample-rate", "50 kHz")

@@ -20,6 +20,7 @@ from swashtwin.monitoring.sources.live_device import (
     DeviceChangedError,
     DeviceLostError,
     DeviceSettings,
+    LiveDevice,
 )
 from swashtwin.monitoring.sources.live_recorder import LiveRecorder, LiveSettings
 from swashtwin.recordings import Finding, Recording
@@ -29,7 +30,7 @@ Step = Block | Exception | None
 """What one read of the substitute does; None is nothing yet."""
 
 
-class Stream:
+class Stream(LiveDevice):
     """A device that returns listed blocks, and sets `stop` when there are no more."""
 
     def __init__(self, steps: Sequence[Step], stop: threading.Event) -> None:

@@ -234,7 +234,7 @@ class HttpSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="http
 
 
 class LiveSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="live"):
-    """Recordings that the watch itself makes of a measuring device or a sound card."""
+    """Recordings that the watch itself makes of a measuring device."""
 
     name: Text = "live"
     device: Text

@@ -1,8 +1,7 @@
 """A measuring device that streams its samples, through openDAQ.
 
-openDAQ reads the devices of several makers, the sound cards of this computer, and a reference
-device that generates signals. Name, unit, scale and sample rate of a channel come from the
-descriptor of its signal.
+openDAQ reads the devices of several makers, and a reference device that generates signals. Name,
+unit, scale and sample rate of a channel come from the descriptor of its signal.
 """
 
 import math
@@ -40,6 +39,10 @@ bounded.
 """
 LOST_AFTER_S = 3.0
 """Time without a sample after which a device counts as vanished."""
+
+
+# Tried with openDAQ 3.40.0 and 3.40.3 on Linux.
+_SOUND_CARD_PREFIX = "miniaudio:"
 
 
 class DeviceChangedError(DataError):
@@ -135,6 +138,12 @@ class LiveDevice:
 
     def _connect(self) -> Any:
         name = self._settings.device
+        if name.startswith(_SOUND_CARD_PREFIX):
+            raise InputError(
+                f"The sound card {name!r} cannot be recorded: openDAQ's module for sound cards "
+                "ends this program or never returns. Record a .wav file with another program; "
+                "swashtwin reads it."
+            )
         try:
             return self._instance.add_device(name)
         except RuntimeError as cause:
@@ -184,13 +193,13 @@ class LiveDevice:
 
         A name that several have is followed by the part of its address that differs.
         """
-        found = [signal for signal in self._device.signals_recursive if _is_waveform(signal)]
-        if not found:
+        waveforms = [signal for signal in self._device.signals_recursive if _is_waveform(signal)]
+        if not waveforms:
             raise DataError(f"{self._settings.device} has no channel with a constant sample rate.")
 
-        names = [_channel_name(signal) for signal in found]
+        names = [_channel_name(signal) for signal in waveforms]
         signals = {}
-        for name, signal in zip(names, found, strict=True):
+        for name, signal in zip(names, waveforms, strict=True):
             unique_name = name
             if names.count(name) > 1:
                 unique_name = f"{name} ({signal.global_id.rpartition('/Sig/')[0]})"
@@ -267,14 +276,12 @@ class LiveDevice:
     def _read_scaling(self) -> tuple[Float[np.ndarray, "channel 1"], str]:
         """Return the factor of each channel, and the unit that it gives."""
         units = {}
-        is_share = True
         for name, signal in zip(self.channels, self._signals, strict=False):
             unit = signal.descriptor.unit
             if unit is not None and unit.symbol:
                 units[name] = unit.symbol
-            is_share = is_share and _is_share_of_full_scale(signal)
 
-        raw = RawFile(dict.fromkeys(self.channels, np.empty(0)), units=units, full_scale=is_share)
+        raw = RawFile(dict.fromkeys(self.channels, np.empty(0)), units=units)
         options = ReadOptions(unit=self._settings.unit, sensitivity=self._settings.sensitivity)
         factors, unit = resolve_scaling(raw, options, self.channels, self._settings.device)
         return np.array(factors)[:, None], unit
@@ -411,15 +418,6 @@ def _sample_rate(signal: Any) -> float:
     if resolution is None:
         raise DataError(f"{signal.name} states no sample rate.")
     return float(resolution.denominator) / (_time_step(signal) * float(resolution.numerator))
-
-
-def _is_share_of_full_scale(signal: Any) -> bool:
-    """Whether a signal has no unit and ranges from -1 to 1, as that of a sound card."""
-    descriptor = signal.descriptor
-    limits = descriptor.value_range
-    if descriptor.unit is not None or limits is None:
-        return False
-    return (float(limits.low_value), float(limits.high_value)) == (-1.0, 1.0)
 
 
 def _convert_like(current: object, text: str) -> object:

@@ -1,6 +1,6 @@
 """Recordings of a device that streams: one after the other, or one at each interval.
 
-Whatever interrupts a recording is an event of its own: a gap, samples that were discarded because
+Whatever interrupts a recording is a separate event: a gap, samples that were discarded because
 they were not taken in time, a changed sample rate, a device that vanishes or is back. What was
 measured until then is a shorter recording.
 """
@@ -147,7 +147,7 @@ class LiveRecorder:
     def run(self, stop: threading.Event) -> Iterator[Recording | Finding]:
         """Yield recordings, and what interrupts them, until `stop` is set.
 
-        A recording that is under way then is yielded as far as it got.
+        A recording that is under way then is yielded too, with what it has.
         """
         while not stop.is_set():
             try:
@@ -314,11 +314,11 @@ class LiveRecorder:
         if self._settings.piston_count is None:
             return recording, problem
 
-        found = self._detect_speed(recording, speed)
-        if found.contradicts:
+        detected = self._detect_speed(recording, speed)
+        if detected.contradicts:
             problem = (
-                f"The lines of the spectrum show {_speed_text(2 * math.pi * found.detected)} "
-                f"({_doubt_text(found)}), but {source} is {_speed_text(speed)}."
+                f"The lines of the spectrum show {_speed_text(2 * math.pi * detected.detected)} "
+                f"({_doubt_text(detected)}), but {source} is {_speed_text(speed)}."
             )
         return recording, problem
 
@@ -342,13 +342,13 @@ class LiveRecorder:
         return values, "tags", None
 
     def _with_estimated_speed(self, recording: Recording) -> tuple[Recording, str | None]:
-        found = self._detect_speed(recording, 2 * math.pi * TYPICAL_SHAFT_FREQUENCY)
-        if found.is_clear:
-            source = f"estimated from the spectrum ({_doubt_text(found)})"
-            return _state_speed(recording, 2 * math.pi * found.detected, source), None
+        detected = self._detect_speed(recording, 2 * math.pi * TYPICAL_SHAFT_FREQUENCY)
+        if detected.is_clear:
+            source = f"estimated from the spectrum ({_doubt_text(detected)})"
+            return _state_speed(recording, 2 * math.pi * detected.detected, source), None
         return recording, (
-            f"The speed is unknown: the lines of the spectrum are too weak ({_doubt_text(found)}). "
-            "Specify a speed, tags or a tachometer."
+            "The speed is unknown: the lines of the spectrum are too weak "
+            f"({_doubt_text(detected)}). Specify a speed, tags or a tachometer."
         )
 
     def _detect_speed(self, recording: Recording, speed: float) -> "DetectedSpeed":
@@ -369,11 +369,11 @@ def _state_speed(recording: Recording, speed: float, source: str) -> Recording:
     return recording.replace(attributes=attributes)
 
 
-def _doubt_text(found: "DetectedSpeed") -> str:
+def _doubt_text(detected: "DetectedSpeed") -> str:
     """Return how clear the lines of an estimated speed are, beside what counts as clear."""
     from swashtwin.calibration import MIN_CONTRAST
 
-    return f"contrast {found.detected_contrast:.2g}; above {MIN_CONTRAST:g} is clear"
+    return f"contrast {detected.detected_contrast:.2g}; above {MIN_CONTRAST:g} is clear"
 
 
 def _next_start(previous: float, interval: float) -> float:

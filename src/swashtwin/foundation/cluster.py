@@ -118,7 +118,7 @@ def _connect(distributed: Any, address: str) -> Any:
 
 
 async def _greet(address: str) -> None:
-    from distributed.core import connect
+    from distributed.comm.core import connect
     from distributed.security import Security
 
     comm = await connect(

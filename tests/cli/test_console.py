@@ -101,6 +101,24 @@ def test_a_log_states_how_long_it_takes_after_the_first_unit_of_work(
     ]
 
 
+def test_a_unit_that_takes_long_raises_the_estimate_of_all_that_is_left(
+    clock: Clock, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "SILENCE_S", 0.01)
+
+    with console.progress("study") as bar:
+        clock.now = 30.0
+        bar(1, 10)
+        capsys.readouterr()
+        clock.now = 600.0
+        printed = ""
+        while not printed:
+            printed = capsys.readouterr().err
+
+    # 300 s for each of nine units, of which one has run for at least as long
+    assert printed.splitlines()[0] == "study: 1 of 10, about 40 min of 50 min left"
+
+
 def test_units_of_an_earlier_run_and_of_another_activity_do_not_shorten_the_estimate(
     clock: Clock, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -264,9 +264,11 @@ class _Activity:
         n_done = self.count - (self._n_before or 0)
         if n_done < 1 or not self.total:
             return None
-        per_unit = (self.updated - self.begun) / n_done
         elapsed = time.monotonic() - self.begun
-        left = max(per_unit * (self.total - self.count) - (time.monotonic() - self.updated), 0.0)
+        waited = time.monotonic() - self.updated
+        # The unit under way may take longer than the others did.
+        per_unit = max((self.updated - self.begun) / n_done, elapsed / (n_done + 1))
+        left = max(per_unit * (self.total - self.count) - min(waited, per_unit), 0.0)
         return elapsed + left, left
 
     def remainder(self) -> str:

@@ -477,3 +477,11 @@ def test_rows_without_synthetic_windows_are_compared_with_those_of_every_number(
         ("200", "measured", "0"),
         ("72", "nominal", "72"),
     }
+
+
+def test_the_folder_of_a_study_does_not_depend_on_the_folder_of_a_worker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    assert Work(out=Path("studies")).out == tmp_path / "studies"

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -164,6 +165,22 @@ def test_workers_like_this_computer_are_accepted() -> None:
 def test_a_worker_with_another_environment_is_refused(answer: Any, message: str) -> None:
     with pytest.raises(ClusterError, match=message):
         cluster._require_workers(StubClient(a=environment(), b=answer))
+
+
+def test_a_worker_that_comes_during_the_work_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    pickle = pytest.importorskip("distributed.protocol.pickle")
+    worker = SimpleNamespace(address="late", state=SimpleNamespace(nthreads=1))
+    monkeypatch.setattr(distributed, "get_worker", lambda: worker)
+    expected = cluster._describe_environment()
+    task = (square, pickle.dumps((3,)), None)
+    assert pickle.loads(cluster._run_task(*task, expected)) == 9
+
+    with pytest.raises(ClusterError, match=r"^Worker late has .*results could differ"):
+        cluster._run_task(*task, {**expected, "numpy": "1.0"})
+    worker.state.nthreads = 2
+    with pytest.raises(ClusterError, match=r"^Worker late has 2 threads"):
+        cluster._run_task(*task, expected)
 
 
 def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

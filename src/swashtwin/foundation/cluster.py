@@ -16,6 +16,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -110,9 +111,11 @@ def _connect(distributed: Any, address: str) -> Any:
             warnings.simplefilter("ignore")
             return distributed.Client(address, timeout=_ANSWER_TIMEOUT_S, set_as_default=False)
     except Exception as cause:  # also what another program than a scheduler answers
+        remedy = "Start it with: dask scheduler; or check the address and the firewall."
+        if address.startswith("tls:"):
+            remedy = f"tls:// requires certificates in the configuration of Dask, too ({_PAGE})."
         raise ClusterError(
-            f"No Dask scheduler answers at {address} ({type(cause).__name__}). Start it with: "
-            "dask scheduler; or check the address and the firewall.",
+            f"No Dask scheduler answers at {address} ({type(cause).__name__}). {remedy}",
             field="cluster",
         ) from cause
 
@@ -195,18 +198,25 @@ def _describe_environment(dask_worker: Any = None) -> dict[str, str]:
     ----------
     dask_worker : the worker that runs it, which Dask passes.
     """
-    environment = {
+    environment = dict(_versions_here())
+    if dask_worker is not None:
+        environment["threads"] = str(dask_worker.state.nthreads)
+    return environment
+
+
+@cache
+def _versions_here() -> dict[str, str]:
+    """Return the versions of this process, which each task of a worker compares."""
+    versions = {
         "swashtwin": VERSION,
         "Python": ".".join(platform.python_version_tuple()[:2]),
     }
     for package in _NUMERICAL_PACKAGES:
         try:
-            environment[package] = version(package)
+            versions[package] = version(package)
         except PackageNotFoundError:
             continue
-    if dask_worker is not None:
-        environment["threads"] = str(dask_worker.state.nthreads)
-    return environment
+    return versions
 
 
 def _require_environment(
@@ -250,6 +260,11 @@ def _require_visible(client: Any, files: Sequence[Path | None], folder: Path | N
         answers = _call(client, client.run, _find_invisible, sizes, on_error="return")
 
     for worker, path in answers.items():
+        if isinstance(path, Exception):
+            raise ClusterError(
+                f"Worker {worker} cannot look for files ({type(path).__name__}: {path}).",
+                field="cluster",
+            ) from path
         if path is not None:
             shown_path = folder if path == probe else path
             raise ClusterError(
@@ -309,6 +324,7 @@ def run_on_cluster(
     """
     from distributed.protocol.pickle import dumps, loads
 
+    expected = _describe_environment()
     n_ahead = _TASKS_PER_WORKER * _require_workers(client)
     _require_visible(client, files, folder)
 
@@ -319,7 +335,7 @@ def run_on_cluster(
         file = files[number] if files else None
         name = str(file or f"task {number + 1} of {len(cases)}")
         # Dask would search the arguments for tasks and futures: it gets them pickled.
-        future = _submit(client, _run_task, shared_function, dumps(case), file)
+        future = _submit(client, _run_task, shared_function, dumps(case), file, expected)
         waiting.append((name, future))
         if len(waiting) >= n_ahead:
             yield loads(_result(client, *waiting.popleft()))
@@ -340,13 +356,25 @@ def _submit(client: Any, function: Callable[..., Any], *arguments: Any) -> Any:
         raise _lost_cluster(client) from cause
 
 
-def _run_task(function: Callable[..., Any], case: bytes, file: Path | None) -> bytes:
-    """Return the pickled result of one task; runs on a worker."""
+def _run_task(
+    function: Callable[..., Any],
+    case: bytes,
+    file: Path | None,
+    expected: Mapping[str, str],
+) -> bytes:
+    """Return the pickled result of one task; runs on a worker.
+
+    Parameters
+    ----------
+    expected : versions that decide a result, of the computer that gives the task.
+    """
     from distributed import get_worker
     from distributed.protocol.pickle import dumps, loads
 
-    worker = get_worker().address
+    dask_worker = get_worker()
+    worker = dask_worker.address
     # This worker may have come after the others were checked.
+    _require_environment(worker, _describe_environment(dask_worker), expected)
     if file is not None and not os.path.lexists(file):
         raise ClusterError(f"Worker {worker} does not see {file}. {_SAME_PATHS}", field="cluster")
     try:

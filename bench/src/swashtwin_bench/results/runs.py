@@ -181,6 +181,9 @@ class Work:
         object.__setattr__(self, "seeds", tuple(dict.fromkeys(self.seeds)))
         if not self.seeds:
             raise InputError("A study needs at least one seed.")
+        if self.out is not None:
+            # Processes and workers of a cluster may have started in another folder.
+            object.__setattr__(self, "out", self.out.absolute())
 
     def part(self, name: str) -> "Work":
         """Return the same work, whose progress names the part of the study that is done."""

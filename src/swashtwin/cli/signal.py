@@ -468,6 +468,7 @@ def _compute_indicators(
     tables = []
     refusals: dict[str, str] = {}
     with progress("indicators") as bar:
+        bar(0, len(recordings))
         for table, reasons in _resume_results(out, settings, compute):
             tables.append(from_table(table, IndicatorTable))
             refusals |= reasons

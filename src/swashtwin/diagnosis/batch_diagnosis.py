@@ -28,7 +28,7 @@ def diagnose_recordings(
     ----------
     error_rate : see `diagnose` of the model; the model's own by default.
     jobs : number of processes, unless a cluster does the work (`swashtwin.foundation.parallel`).
-    progress : called with the number of finished recordings, and the total.
+    progress : called with the number of finished recordings, 0 at first, and the total.
 
     Raises
     ------
@@ -46,6 +46,8 @@ def diagnose_recordings(
         files=[recording.samples.file for recording in recordings],
     )
 
+    if progress is not None:
+        progress(0, len(recordings))
     diagnoses: list[Diagnosis] = []
     for diagnosis in results:
         diagnoses.append(diagnosis)

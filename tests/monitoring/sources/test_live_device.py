@@ -14,7 +14,12 @@ from commandline import run, run_json
 
 from swashtwin.foundation import DataError, InputError, MissingExtraError
 from swashtwin.monitoring.sources import live_device
-from swashtwin.monitoring.sources.live_device import DeviceSettings, LiveDevice
+from swashtwin.monitoring.sources.live_device import (
+    DeviceChangedError,
+    DeviceLostError,
+    DeviceSettings,
+    LiveDevice,
+)
 from swashtwin.monitoring.sources.live_recorder import LiveRecorder, LiveSettings
 from swashtwin.recordings import Finding, Recording, load_recording
 
@@ -173,6 +178,110 @@ def test_samples_that_nobody_takes_are_discarded_and_reported(
 
     assert overrun.kind == "overrun"
     assert "were discarded: they arrived faster" in overrun.message
+
+
+class SentSamples(LiveDevice):
+    """A device of one channel in volts, whose samples and descriptors a test sends.
+
+    Its signals and their reader are those of openDAQ.
+    """
+
+    def __init__(self) -> None:
+        import opendaq as daq
+
+        self._daq = daq
+        self._settings = DeviceSettings("sent", sensitivity="100 mV/g", tacho="pulses")
+        self._n_sent = 0
+
+        time = daq.DataDescriptorBuilder()
+        time.sample_type = daq.SampleType.Int64
+        time.rule = daq.LinearDataRule(1000, 0)
+        time.tick_resolution = daq.Ratio(1, 1_000_000)
+        time.unit = daq.Unit(-1, "s", "second", "time")
+        time.origin = "1970-01-01T00:00:00Z"
+        self._time = time.build()
+
+        context = live_device._open_instance().context
+        volts = self.descriptor("V")
+        self._clock = daq.SignalWithDescriptor(context, self._time, None, "time", None)
+        self._sources = []
+        for name in ("x", "pulses"):
+            source = daq.SignalWithDescriptor(context, volts, None, name, None)
+            source.domain_signal = self._clock
+            self._sources.append(source)
+
+        self._signals = [daq.ISignal.cast_from(source) for source in self._sources]
+        self.channels = ("x",)
+        self.sample_rate = 1000.0
+        self._step = 1000
+        self._factors, self.unit = self._read_scaling()
+        self._start_reading()
+
+    def descriptor(self, unit: str) -> Any:
+        builder = self._daq.DataDescriptorBuilder()
+        builder.sample_type = self._daq.SampleType.Float64
+        builder.unit = self._daq.Unit(-1, unit, "", "")
+        return builder.build()
+
+    def send(self, count: int) -> None:
+        domain = self._daq.DataPacket(self._time, count, self._n_sent * 1000)
+        self._n_sent += count
+        self._clock.send_packet(domain)
+        for source, signal in zip(self._sources, self._signals, strict=True):
+            packet = self._daq.DataPacketWithDomain(domain, signal.descriptor, count, 0)
+            source.send_packet(packet)
+
+    def read_samples(self) -> list[live_device.Block]:
+        """Return the blocks of the first read that has some."""
+        for _ in range(5):
+            blocks = self.read()
+            if blocks:
+                return blocks
+        raise AssertionError("no samples")
+
+
+def test_a_changed_unit_is_reported_before_a_sample_is_scaled_wrongly() -> None:
+    device = SentSamples()
+    device.send(200)
+    (block,) = device.read_samples()
+    assert block.signal.shape == (1, 200)
+
+    device._sources[0].descriptor = device.descriptor("mV")
+    device.send(200)
+
+    with pytest.raises(DeviceChangedError, match="sent changed the unit of a channel"):
+        device.read_samples()
+
+
+def test_a_tachometer_does_not_keep_the_other_channels_in_memory() -> None:
+    device = SentSamples()
+    device.send(200)
+    (block,) = device.read_samples()
+
+    assert block.tacho is not None
+    assert block.tacho.base is None
+
+
+class Failing:
+    """A reader or a list of devices of openDAQ that fails."""
+
+    def __getattr__(self, name: str) -> Any:
+        raise RuntimeError("The connection was lost.")
+
+
+def test_an_error_of_opendaq_is_a_device_that_vanished() -> None:
+    device = SentSamples()
+    device._reader = Failing()
+    with pytest.raises(DeviceLostError, match=r"^sent does not answer: The connection was lost\.$"):
+        device.read()
+
+    device._device = Failing()
+    with pytest.raises(DeviceLostError, match=r"sent does not answer: The connection was lost\.$"):
+        device.set_up()
+
+    device._instance = Failing()
+    with pytest.raises(DeviceLostError, match=r"cannot be listed: The connection was lost\.$"):
+        device._connect()
 
 
 COMMAND = ("record", DEVICE, "--length", "0.2 s", "--sample-rate", "50 kHz")

@@ -217,6 +217,16 @@ def test_a_length_that_cannot_be_recorded_is_refused(
         record(block(0, 10), **settings)
 
 
+def test_a_tachometer_counts_as_a_channel_in_memory(
+    monkeypatch: pytest.MonkeyPatch, stop: threading.Event
+) -> None:
+    monkeypatch.setattr(live_recorder, "LiveDevice", Stream([None], stop))
+    device = DeviceSettings("stream", tacho="pulses")
+
+    with pytest.raises(InputError, match=r"1 channel and a tachometer .* at most 1678 s"):
+        LiveRecorder(LiveSettings(device, 1e5))
+
+
 def test_the_speed_is_estimated_from_the_lines_of_the_pistons(record: Record) -> None:
     ((recording,), findings) = record(harmonic_block(), length=4.0, piston_count=7)
 

@@ -6,8 +6,8 @@ unit, scale and sample rate of a channel come from the descriptor of its signal.
 
 import math
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
@@ -46,7 +46,7 @@ _SOUND_CARD_PREFIX = "miniaudio:"
 
 
 class DeviceChangedError(DataError):
-    """The device changed what it measures: its rate, a unit or a range."""
+    """The device changed what it measures: its rate or a unit."""
 
 
 class DeviceLostError(DataError):
@@ -147,20 +147,32 @@ class LiveDevice:
         try:
             return self._instance.add_device(name)
         except RuntimeError as cause:
-            devices = [device.connection_string for device in self._instance.available_devices]
             raise DeviceLostError(
                 f"The device {name!r} does not answer. Check its cable and address, or that no "
-                f"other program uses it. Devices that answer here: {', '.join(devices)}."
+                f"other program uses it. {self._describe_devices()}"
             ) from cause
+
+    def _describe_devices(self) -> str:
+        """Return a sentence with the devices that can be recorded here."""
+        try:
+            devices = [device.connection_string for device in self._instance.available_devices]
+        except RuntimeError as cause:
+            return f"The devices that answer here cannot be listed: {cause}"
+        names = [name for name in devices if not name.startswith(_SOUND_CARD_PREFIX)]
+        return f"Devices that answer here: {', '.join(names)}."
 
     def set_up(self) -> None:
         """Set the device up, also again after it changed, and read it from now on.
 
         Raises
         ------
-        InputError, DataError
+        DeviceLostError, InputError, DataError
             As when it is opened.
         """
+        with _reporting_as_lost(self._settings.device):
+            self._set_up()
+
+    def _set_up(self) -> None:
         for name, text in (self._settings.properties or {}).items():
             self._set_property(name, text)
         self._set_rate()
@@ -292,6 +304,7 @@ class LiveDevice:
         self._reader = self._daq.MultiReader(self._signals, types.Float64, types.Int64)
         self._next_tick: int | None = None
         self._n_discarded = 0
+        self._may_have_changed = False
         self._last_sample_s = time.monotonic()
 
     def read(self) -> list[Block]:
@@ -300,14 +313,25 @@ class LiveDevice:
         Raises
         ------
         DeviceChangedError
-            The rate, a unit or a range changed; the device must be opened again.
+            The rate or a unit changed; the device must be set up again.
         DeviceLostError
-            No sample arrived for `LOST_AFTER_S`.
+            No sample arrived for `LOST_AFTER_S`, or openDAQ reports an error.
         """
+        with _reporting_as_lost(self._settings.device):
+            return self._read()
+
+    def _read(self) -> list[Block]:
+        # The event came after the samples of the previous read.
+        if self._may_have_changed:
+            self._require_same_scaling()
+            self._may_have_changed = False
+
         n_waiting = self._reader.available_count
         if n_waiting > MAX_BACKLOG_S * self.sample_rate:
             self._n_discarded += int(self._reader.skip_samples(n_waiting))
             n_waiting = 0
+            # An event among them is skipped, too.
+            self._require_same_scaling()
 
         count = max(1, round(READ_TIME_S * self.sample_rate))
         if n_waiting > count:
@@ -317,14 +341,27 @@ class LiveDevice:
 
         if values.shape[-1]:
             self._last_sample_s = time.monotonic()
+            self._may_have_changed = status.read_status == self._daq.ReadStatus.Event
             return self._split_at_gaps(np.atleast_2d(values), np.atleast_2d(ticks)[0])
         if not status.valid:
             raise DeviceChangedError(self._describe_change())
+        # A reader stays valid if only a unit changes, and returns samples in the new unit.
+        self._require_same_scaling()
         if time.monotonic() - self._last_sample_s > LOST_AFTER_S:
             raise DeviceLostError(
                 f"{self._settings.device} has delivered no sample for {LOST_AFTER_S:g} s."
             )
         return []
+
+    def _require_same_scaling(self) -> None:
+        """Raise an error if the samples are no longer in the units they had at the start."""
+        name = self._settings.device
+        try:
+            factors, unit = self._read_scaling()
+        except (InputError, DataError) as cause:
+            raise DeviceChangedError(f"{name} changed a unit: {cause}") from cause
+        if unit != self.unit or not np.array_equal(factors, self._factors):
+            raise DeviceChangedError(f"{name} changed the unit of a channel.")
 
     def _split_at_gaps(self, values: np.ndarray, ticks: np.ndarray) -> list[Block]:
         # A device may round the time of its samples, but not by half the time between two.
@@ -349,7 +386,8 @@ class LiveDevice:
         n_channels = len(self.channels)
         tacho = None
         if self._settings.tacho is not None:
-            tacho = values[n_channels]
+            # A view would keep the samples of all channels in memory.
+            tacho = values[n_channels].copy()
 
         n_discarded = self._n_discarded
         self._n_discarded = 0
@@ -372,6 +410,15 @@ class LiveDevice:
         self._signals = []
         with suppress(RuntimeError):  # it was removed already
             self._instance.remove_device(self._device)
+
+
+@contextmanager
+def _reporting_as_lost(device: str) -> Iterator[None]:
+    """Raise an error of openDAQ as `DeviceLostError`, with its words."""
+    try:
+        yield
+    except RuntimeError as cause:
+        raise DeviceLostError(f"{device} does not answer: {str(cause).rstrip('.')}.") from cause
 
 
 @cache

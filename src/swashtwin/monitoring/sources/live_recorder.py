@@ -135,10 +135,15 @@ class LiveRecorder:
 
     def _require_memory(self, device: LiveDevice) -> None:
         n_channels = len(device.channels)
-        max_length = self._settings.max_bytes / (8 * n_channels * device.sample_rate)
+        channels = plural(n_channels, "channel")
+        n_rows = n_channels
+        if self._settings.device.tacho is not None:
+            n_rows += 1
+            channels += " and a tachometer"
+        max_length = self._settings.max_bytes / (8 * n_rows * device.sample_rate)
         if self._settings.length > max_length:
             raise InputError(
-                f"A recording of {self._settings.length:g} s of {plural(n_channels, 'channel')} at "
+                f"A recording of {self._settings.length:g} s of {channels} at "
                 f"{device.sample_rate:g} Hz is too large: record at most {max_length:.4g} s, one "
                 "after the other.",
                 field="length",

@@ -106,11 +106,13 @@ def record(
     n_recordings = 0
     seconds = 0.0
     findings: Counter[str] = Counter()
+    reason = "it was stopped before a sample arrived."
     with closing(LiveRecorder(live_settings)) as recorder, stop_signals() as stop:
         print_note(f"recording {device} into {out}. Press Ctrl-C to stop.")
         for item in recorder.run(stop):
             if isinstance(item, Finding):
                 findings[item.kind] += 1
+                reason = item.message
                 print_note(f"{item.severity}: {item.describe(spell_as_option)}")
                 continue
 
@@ -121,6 +123,9 @@ def record(
                 print_text(f"{path}: {_describe(item)}")
             if n_recordings == count:
                 break
+
+    if not n_recordings:
+        raise DataError(f"No recording was made of {device}: {reason}")
 
     result = {
         "folder": out,

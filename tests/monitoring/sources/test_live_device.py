@@ -95,6 +95,8 @@ def test_a_tachometer_gives_the_speed_and_is_no_channel() -> None:
             "does not give a sample rate of 51200 Hz: it samples at 50000 Hz. Set "
             "sample_rate='50000 Hz', or leave it out.",
         ),
+        ({"channels": ("AI 1", "AI 1")}, "Channel 'AI 1' is given twice."),
+        ({"channels": ("AI 1",), "tacho": "AI 1"}, "'AI 1' is both a channel and the tachometer"),
         ({"channels": ("AI 7",)}, "has no channel 'AI 7'. Its channels are AI 1, AI 2."),
         ({"properties": {"Gain": "2"}}, "has no property 'Gain'. Its properties are Number"),
         ({"properties": {"NumberOfChannels": "two"}}, "does not take NumberOfChannels = 'two'"),
@@ -201,7 +203,8 @@ class SentSamples(LiveDevice):
         time.origin = "1970-01-01T00:00:00Z"
         self._time = time.build()
 
-        context = live_device._open_instance().context
+        self._instance = live_device._open_instance()
+        context = self._instance.context
         volts = self.descriptor("V")
         self._clock = daq.SignalWithDescriptor(context, self._time, None, "time", None)
         self._sources = []
@@ -279,6 +282,7 @@ def test_an_error_of_opendaq_is_a_device_that_vanished() -> None:
     with pytest.raises(DeviceLostError, match=r"sent does not answer: The connection was lost\.$"):
         device.set_up()
 
+    assert "miniaudio" not in device._describe_devices()
     device._instance = Failing()
     with pytest.raises(DeviceLostError, match=r"cannot be listed: The connection was lost\.$"):
         device._connect()
@@ -299,6 +303,18 @@ def test_the_command_writes_recordings_that_other_commands_read(tmp_path: Path) 
     assert recording.attributes["speed"] == "860 rpm"
     assert recording.attributes["device"] == DEVICE
     assert run_json("inspect", files[0])["recordings"][0]["channels"][0]["name"] == "AI 2"
+
+
+def test_a_command_without_a_recording_fails_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped = Finding("stopped", "note", None, "The 0.05 s before it are too short to be kept.")
+    monkeypatch.setattr(LiveRecorder, "run", lambda recorder, stop: iter([stopped]))
+
+    result = run(*COMMAND, "--out", tmp_path, code=3)
+
+    assert f"No recording was made of {DEVICE}: The 0.05 s before it are too" in result.stderr
+    assert "Next:" not in result.stdout
 
 
 def test_a_full_disk_loses_no_file_and_leaves_no_half(

@@ -194,6 +194,7 @@ def test_what_was_recorded_until_a_stop_is_kept(record: Record) -> None:
         "The recording was stopped.",
         "The recording ends after 0.15 s.",
     ]
+    assert [item.severity for item in findings] == ["note", "note"]
 
 
 def test_an_interval_lies_between_two_starts(record: Record) -> None:

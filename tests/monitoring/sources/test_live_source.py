@@ -4,19 +4,22 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from errno import ENOSPC
+from errno import ENOSPC, EROFS
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mqtt_broker import wait_for
 
-from swashtwin.foundation import MissingExtraError, packages
+from swashtwin.foundation import MissingExtraError, SwashTwinError, packages
+from swashtwin.monitoring import run_watch
 from swashtwin.monitoring.config.config_file import load_watch_config
 from swashtwin.monitoring.config.settings import LiveSource, WatchConfig
 from swashtwin.monitoring.sources.contents import read_contents
 from swashtwin.monitoring.sources.delivery import Accept, Delivery
 from swashtwin.monitoring.sources.live import LiveWatch
 from swashtwin.monitoring.sources.spool import Spool
+from swashtwin.recordings import Finding, Recording
 
 CONFIG = """
 folder = "watch"
@@ -103,6 +106,80 @@ def test_a_full_disk_loses_a_recording_and_is_reported(tmp_path: Path) -> None:
         "a recording of 0.4 s is lost, because it cannot be written: No space left on device"
     ]
     assert list((config.folder / "live").rglob("*.h5")) == []
+
+
+def complete_recording() -> Recording:
+    date = {"date": "2026-11-23T14:00:00+00:00"}
+    return Recording(np.zeros((1, 20_000)), 50e3, "pump-1", attributes=date)
+
+
+def unstarted(config: WatchConfig, accept: Accept) -> LiveWatch:
+    """Return the live source of a configuration, which records nothing by itself."""
+    pytest.importorskip("opendaq")
+    (source,) = config.sources
+    assert isinstance(source, LiveSource)
+    return LiveWatch(source, accept, config)
+
+
+def test_a_disk_that_can_only_be_read_does_not_end_the_source(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*arguments: object, **options: object) -> str:
+        raise OSError(EROFS, "Read-only file system")
+
+    watch = unstarted(load(tmp_path), refuse)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", refuse)
+        watch._deliver(complete_recording())
+
+    assert "cannot be written: Read-only file system" in str(watch.status.problem)
+
+
+def test_an_unsure_speed_stays_the_problem_and_is_logged_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    watch = unstarted(load(tmp_path), lambda *_: "")
+    recording = complete_recording()
+
+    for contrast in ("1.2", "1.3"):
+        watch._report(Finding("speed", "warning", None, f"No speed (contrast {contrast})."))
+        watch._deliver(recording)
+
+    assert watch.status.received == 2
+    assert watch.status.problem == "No speed (contrast 1.3)."
+    assert [record.message for record in caplog.records] == [
+        "source live: No speed (contrast 1.2)."
+    ]
+
+    watch._deliver(recording)
+    assert watch.status.problem is None
+
+
+def test_a_single_pass_states_that_it_records_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("opendaq")
+
+    status = run_watch(load(tmp_path), once=True)
+
+    assert status.problems == (
+        "source live: not recorded: a live source needs a watch that keeps running",
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"0.4 s"', '"0.05 s"', "length = 0.05 s is too short; it must be 0.1 s or more"),
+        ('["AI 1"]', '["AI 1", "AI 1"]', "contains a name twice"),
+        ('["AI 1"]', '["AI 2"]', "tachometer = 'AI 2' is one of the channels too"),
+    ],
+)
+def test_an_entry_that_cannot_be_recorded_is_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    with pytest.raises(SwashTwinError, match=message) as caught:
+        load(tmp_path, CONFIG.replace(old, new))
+
+    assert "watch.toml" in str(caught.value)
 
 
 def test_without_opendaq_the_watch_names_the_extra(

@@ -233,6 +233,12 @@ class HttpSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="http
     name: Text = "http"
 
 
+MIN_LENGTH_S = 0.1
+"""Shortest recording of a device, or part of one, that is kept: a shorter one holds no turn of a
+pump.
+"""
+
+
 class LiveSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="live"):
     """Recordings that the watch itself makes of a measuring device."""
 
@@ -261,6 +267,16 @@ class LiveSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="live
     """Further properties of the device, by their names in openDAQ."""
 
     def __post_init__(self) -> None:
+        if self.length < MIN_LENGTH_S:
+            raise ValueError(
+                f"length = {self.length:g} s is too short; it must be {MIN_LENGTH_S:g} s or more"
+            )
+        if len(set(self.channels)) < len(self.channels):
+            raise ValueError(f"channels = {list(self.channels)} contains a name twice")
+        if self.tachometer in self.channels:
+            raise ValueError(
+                f"tachometer = {self.tachometer!r} is one of the channels too; remove it from them"
+            )
         if self.interval is not None and self.interval < self.length:
             raise ValueError(
                 f"interval = {self.interval:g} s is shorter than length = {self.length:g} s"

@@ -138,6 +138,9 @@ class Watch:
     def run_once(self, stop: threading.Event) -> None:
         """Judge what the folders and the spool hold now, and send the messages of it."""
         pipeline = self._open_pipeline()
+        for source in self._sources:
+            if isinstance(source, LiveWatch):
+                source.status.fail("not recorded: a live source needs a watch that keeps running")
         folders = [source for source in self._sources if isinstance(source, FolderWatch)]
         threads = [threading.Thread(target=folder.drain, args=(stop,)) for folder in folders]
         for thread in threads:

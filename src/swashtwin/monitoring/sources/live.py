@@ -6,7 +6,7 @@ status of the source says so.
 
 import logging
 import threading
-from contextlib import closing
+from contextlib import closing, suppress
 from datetime import UTC, datetime
 
 from swashtwin.foundation import SwashTwinError, require_modules, safe_file_name
@@ -44,6 +44,10 @@ class LiveWatch:
         self._accept = accept
         self._folder = config.folder / "live" / safe_file_name(source.name)
         self._settings = _recorder_settings(source, config)
+        self._speed_problem: str | None = None
+        """What is unsure of the speed of the recording that follows."""
+        self._is_speed_unsure = False
+        """Whether the last recording had such a problem."""
 
     def run(self, stop: threading.Event) -> None:
         """Record until `stop` is set."""
@@ -71,7 +75,13 @@ class LiveWatch:
         self.status.fail(problem)
 
     def _report(self, finding: Finding) -> None:
-        """Show a finding until the next recording is delivered."""
+        """Show a finding until the next recording is delivered.
+
+        What is unsure of a speed precedes its recording, and stays until a recording without it.
+        """
+        if finding.kind == "speed":
+            self._speed_problem = finding.message
+            return
         if finding.severity == "note":
             _log.info("source %s: %s", self.status.name, finding.message)
         else:
@@ -82,6 +92,8 @@ class LiveWatch:
 
         One that was cut off differs from the baseline by its length alone.
         """
+        speed_problem = self._speed_problem
+        self._speed_problem = None
         if recording.n_samples < round(self._settings.length * recording.sample_rate):
             return
 
@@ -101,9 +113,26 @@ class LiveWatch:
                 f"a recording of {recording.duration:.4g} s is lost, because it cannot be written: "
                 f"{cause.strerror or cause}"
             )
-            path.unlink(missing_ok=True)
+            with suppress(OSError):  # a disk that can only be read
+                path.unlink(missing_ok=True)
             return
-        self.status.succeed(1)
+        self._finish(speed_problem)
+
+    def _finish(self, speed_problem: str | None) -> None:
+        """Count a delivered recording, and show what is unsure of its speed.
+
+        A problem is logged once while each recording has one: its numbers differ each time.
+        """
+        was_unsure = self._is_speed_unsure
+        self._is_speed_unsure = speed_problem is not None
+        if speed_problem is None:
+            self.status.succeed(1)
+            return
+
+        if not was_unsure:
+            _log.warning("source %s: %s", self.status.name, speed_problem)
+        self.status.received += 1
+        self.status.fail(speed_problem)
 
 
 def _recorder_settings(source: LiveSource, config: WatchConfig) -> LiveSettings:

@@ -181,6 +181,7 @@ class LiveDevice:
         names = self._settings.channels
         if not names:
             names = tuple(name for name in signals if name != self._settings.tacho)
+        self._require_distinct(names)
         all_names = names
         if self._settings.tacho is not None:
             all_names = (*names, self._settings.tacho)
@@ -199,6 +200,17 @@ class LiveDevice:
         self._require_rate()
         self._factors, self.unit = self._read_scaling()
         self._start_reading()
+
+    def _require_distinct(self, names: Sequence[str]) -> None:
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"Channel {name!r} is given twice.", field="channels")
+        if self._settings.tacho in names:
+            raise InputError(
+                f"{self._settings.tacho!r} is both a channel and the tachometer: the tachometer is "
+                "no channel of the recordings.",
+                field="channels",
+            )
 
     def _find_signals(self) -> dict[str, Any]:
         """Return the signals that are sampled at a constant rate, by the names of their channels.

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, SwashTwinError, plural
+from swashtwin.monitoring.config.settings import MIN_LENGTH_S
 from swashtwin.monitoring.sources.contents import specified_values
 from swashtwin.monitoring.sources.live_device import (
     Block,
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
 
 MAX_BUFFER_BYTES = 256 << 20
 """Bytes of the samples of a recording, which is in memory until it is complete."""
-MIN_LENGTH_S = 0.1
-"""Shortest part of an interrupted recording that is kept: a shorter one holds no turn of a pump."""
 FIRST_PAUSE_S = 1.0
 """Time before a device that vanished is tried again; each further pause is twice the previous."""
 MAX_PAUSE_S = 30.0
@@ -44,7 +43,9 @@ TYPICAL_SHAFT_FREQUENCY = 25.0
 """Speed [Hz] around which the spectrum is searched if none is specified; the search reaches from
 470 to 4800 rpm."""
 
-FindingKind = Literal["gap", "overrun", "clock", "changed", "vanished", "back", "short", "speed"]
+FindingKind = Literal[
+    "gap", "overrun", "clock", "changed", "vanished", "back", "short", "stopped", "speed"
+]
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ class LiveRecorder:
                 yield from self._take(block)
 
         if self._buffer is not None:
-            yield from self._interrupt("short", "The recording was stopped.")
+            yield from self._interrupt("stopped", "The recording was stopped.")
 
     def _take(self, block: Block) -> Iterator[Recording | Finding]:
         """Add a block to the recording, and yield what it completes or interrupts."""
@@ -210,17 +211,20 @@ class LiveRecorder:
             self._buffer = None
             return
 
+        # The end that a user wants is no warning.
+        end_kind: FindingKind = "stopped" if kind == "stopped" else "short"
         length = self._buffer.n_samples / self._device.sample_rate
         if length < MIN_LENGTH_S:
             self._buffer = None
-            yield self._find("short", f"The {length:.3g} s before it are too short to be kept.")
+            yield self._find(end_kind, f"The {length:.3g} s before it are too short to be kept.")
             return
-        yield self._find("short", f"The recording ends after {length:.4g} s.")
+        yield self._find(end_kind, f"The recording ends after {length:.4g} s.")
         yield from self._complete()
 
     def _find(self, kind: FindingKind, message: str) -> Finding:
         self._notes.append(message)
-        return Finding(kind, "note" if kind == "back" else "warning", None, message)
+        severity: Literal["note", "warning"] = "note" if kind in ("back", "stopped") else "warning"
+        return Finding(kind, severity, None, message)
 
     def close(self) -> None:
         """Disconnect the device."""

@@ -204,13 +204,13 @@ def test_a_file_that_a_worker_does_not_see_is_named(tmp_path: Path, monkeypatch:
     assert os.listdir(tmp_path / "out") == []
 
 
-def test_the_ambient_backend_of_joblib_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_ambient_backend_of_joblib_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     from joblib import parallel_config
 
-    taken = []
+    calls = []
     monkeypatch.setattr(
-        processes, "run_on_cluster", lambda *arguments: taken.append(arguments) or []
+        processes, "run_on_cluster", lambda *arguments: calls.append(arguments) or []
     )
     client = StubClient()
     client.loop = None  # type: ignore[attr-defined]
@@ -221,7 +221,7 @@ def test_the_ambient_backend_of_joblib_is_taken(monkeypatch: pytest.MonkeyPatch)
         patch.setattr("joblib._dask.as_completed", lambda *_, **__: None)
         with parallel_config("dask", client=client):
             assert list(parallel(square, [(2,)], jobs=2)) == []
-    assert taken == [(client, square, [(2,)], (), None)]
+    assert calls == [(client, square, [(2,)], (), None)]
 
 
 # ---- with one

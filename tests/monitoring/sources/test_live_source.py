@@ -19,7 +19,7 @@ from swashtwin.monitoring.sources.contents import read_contents
 from swashtwin.monitoring.sources.delivery import Accept, Delivery
 from swashtwin.monitoring.sources.live import LiveWatch
 from swashtwin.monitoring.sources.spool import Spool
-from swashtwin.recordings import Finding, Recording
+from swashtwin.recordings import Finding, Recording, write_recording
 
 CONFIG = """
 folder = "watch"
@@ -82,6 +82,27 @@ def test_recordings_reach_the_spool_with_the_measured_operating_point(tmp_path: 
 
     # Nothing is left beside the spool.
     assert list((config.folder / "live").rglob("*.h5")) == []
+
+
+def test_what_a_killed_watch_had_written_is_delivered_at_the_next_start(tmp_path: Path) -> None:
+    config = load(tmp_path, CONFIG.replace("device0", "device9"))
+    date = "2026-03-01T08:30:00+00:00"
+    earlier = Recording(
+        np.ones((1, 20_000)), 50e3, "pump-1-1", channels=("AI 1",), attributes={"date": date}
+    )
+    write_recording(earlier, config.folder / "live" / "live" / "pump-1-1.h5")
+    deliveries = []
+
+    def accept(delivery: Delivery, content: bytes | Path) -> str:
+        deliveries.append(delivery)
+        return ""
+
+    with recording(config, accept) as watch:
+        wait_for(lambda: watch.status.problem is not None)
+
+    (delivery,) = deliveries
+    assert (delivery.file, delivery.machine) == ("pump-1-1.h5", "pump-1")
+    assert delivery.facts == {"time": date}
 
 
 def test_a_device_that_does_not_answer_is_the_problem_of_the_source(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import logging
 import threading
 from contextlib import closing, suppress
 from datetime import UTC, datetime
+from pathlib import Path
 
 from swashtwin.foundation import SwashTwinError, require_modules, safe_file_name
 from swashtwin.monitoring.config.settings import LiveSource, WatchConfig
@@ -20,7 +21,7 @@ from swashtwin.monitoring.sources.live_recorder import (
     LiveSettings,
 )
 from swashtwin.monitoring.status import SourceStatus
-from swashtwin.recordings import Finding, Recording, write_recording
+from swashtwin.recordings import Finding, Recording, load_recording, write_recording
 
 _HEADER_BYTES = 1 << 20
 """Bytes of a file that are no samples, at most."""
@@ -51,6 +52,7 @@ class LiveWatch:
 
     def run(self, stop: threading.Event) -> None:
         """Record until `stop` is set."""
+        self._deliver_earlier()
         pause = FIRST_PAUSE_S
         while not stop.is_set():
             try:
@@ -90,7 +92,7 @@ class LiveWatch:
     def _deliver(self, recording: Recording) -> None:
         """Put a complete recording into the spool.
 
-        One that was cut off differs from the baseline by its length alone.
+        One that was cut off is left out: it would differ from the baseline by its length alone.
         """
         speed_problem = self._speed_problem
         self._speed_problem = None
@@ -98,16 +100,9 @@ class LiveWatch:
             return
 
         path = self._folder / f"{recording.recording_id}.h5"
-        delivery = Delivery(
-            self._source.name,
-            path.name,
-            datetime.now(UTC),
-            self._source.machine,
-            {"time": recording.attributes["date"]},
-        )
         try:
             write_recording(recording, path)
-            self._accept(delivery, path)
+            self._hand_over(path, recording)
         except OSError as cause:
             self._fail(
                 f"a recording of {recording.duration:.4g} s is lost, because it cannot be written: "
@@ -117,6 +112,25 @@ class LiveWatch:
                 path.unlink(missing_ok=True)
             return
         self._finish(speed_problem)
+
+    def _deliver_earlier(self) -> None:
+        """Put recordings into the spool that a watch had written when it was killed."""
+        for path in sorted(self._folder.glob("*.h5")):
+            try:
+                self._hand_over(path, load_recording(path))
+            except (OSError, SwashTwinError) as cause:
+                self._fail(f"{path} of an earlier run is not judged: {cause}")
+
+    def _hand_over(self, path: Path, recording: Recording) -> None:
+        """Put the file of a recording into the spool, which moves it."""
+        delivery = Delivery(
+            self._source.name,
+            path.name,
+            datetime.now(UTC),
+            self._source.machine,
+            {"time": recording.attributes["date"]},
+        )
+        self._accept(delivery, path)
 
     def _finish(self, speed_problem: str | None) -> None:
         """Count a delivered recording, and show what is unsure of its speed.

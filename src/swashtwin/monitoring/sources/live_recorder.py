@@ -98,9 +98,9 @@ class _Buffer:
 
     def fill(self, block: Block, n_wanted: int, sample_rate: float) -> Block | None:
         """Add a block up to `n_wanted` samples, and return what is left of it."""
-        taken, rest = block.split(n_wanted - self.n_samples, sample_rate)
-        self.blocks.append(taken)
-        self.n_samples += taken.signal.shape[1]
+        first, rest = block.split(n_wanted - self.n_samples, sample_rate)
+        self.blocks.append(first)
+        self.n_samples += first.signal.shape[1]
         return rest
 
 

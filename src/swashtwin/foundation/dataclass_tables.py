@@ -35,6 +35,7 @@ _TYPE_NAMES = {
 }
 _ARRAY_KINDS = ("float", "int", "bool")
 _UNKNOWN_FIELD = re.compile(r"Object contains unknown field `(.+)`")
+_MISSING_FIELD = re.compile(r"Object missing required field `(.+)`")
 _INVALID_CHOICE = "Invalid enum value "
 _PATH_STEP = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
 
@@ -108,7 +109,8 @@ def from_table(
 
 
 def _locate(misfit: str, location: str) -> str:
-    return f"{location}: {misfit}." if location else f"{misfit}."
+    sentence = misfit if misfit.endswith("?") else f"{misfit}."
+    return f"{location}: {sentence}" if location else sentence
 
 
 def _different_entry(table: Any, form: Any, path: str = "") -> str:
@@ -158,8 +160,11 @@ def _describe_misfit(message: str, form: Any, table: Any) -> str:
     path = path.rstrip("`").lstrip(".")
 
     unknown_field = _UNKNOWN_FIELD.fullmatch(text)
+    missing_field = _MISSING_FIELD.fullmatch(text)
     if unknown_field:
         text = _describe_unknown_entry(unknown_field[1], form)
+    elif missing_field:
+        text = f"the entry {missing_field[1]!r} is missing"
     elif text.startswith(_INVALID_CHOICE):
         text = _describe_invalid_choice(text.removeprefix(_INVALID_CHOICE), form, path)
     elif text.startswith("Expected"):

@@ -105,11 +105,12 @@ def test_a_limit_of_a_severity_is_checked_when_the_file_is_read(
             "[[machine]]\nname='p'\nsped='1 rpm'",
             "number 2: there is no entry 'sped'; did you mean 'speed'",
         ),
+        ("[[machine]]\nname='p'\npressure='9 MPa'", "did you mean 'discharge_pressure'?"),
         # a number without a unit could be rpm or rad/s
         ("[[machine]]\nname='p'\nspeed=1500", "must be text in quotes"),
         ("[[machine]]\nname='p'\nspeed='-3 rpm'", "must be above 0 rad/s"),
         # names: files of the history and rows of the page are called by them
-        ("[[machine]]\nspeed='3 rpm'", "missing required field `name`"),
+        ("[[machine]]\nspeed='3 rpm'", "the entry 'name' is missing"),
         ("[[machine]]\nname='pump-1'", "2 of .* have the name 'pump-1'"),
         ("[[machine]]\nname='../up'", "write it as '_up'"),
         # entries that name something which must exist, or exclude each other

@@ -86,6 +86,16 @@ def test_a_pump_is_learned_then_watched_and_a_louder_one_raises_an_alarm(
     assert "pump-1" in (config.folder / "alarms.log").read_text(encoding="utf-8")
 
 
+def test_a_recording_that_a_baseline_leaves_out_is_told_with_the_reason(tmp_path: Path) -> None:
+    config = watch_config(tmp_path)
+    for number in range(5):
+        write_hum(tmp_path / "incoming" / f"{number}.h5", number, number)
+    write_hum(tmp_path / "incoming" / "5.h5", 5, 5, gain=WORN_GAIN)
+
+    outcome = judge(config)[-1]
+    assert outcome.sentence.startswith("learning 5/20; not learned from this recording: +")
+
+
 def test_what_cannot_be_judged_is_filed_with_its_reason_and_stops_nothing(tmp_path: Path) -> None:
     # With two machines, only a sub-folder tells which of them a file is of.
     config = watch_config(tmp_path, machines=("pump-1", "pump-2"))

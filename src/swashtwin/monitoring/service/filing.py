@@ -278,6 +278,8 @@ class RecordingFiler:
         parts = [judgment.state]
         if judgment.state == "learning":
             parts = [f"learning {result.learned}/{self._settings.baseline_recordings}"]
+            # Why the count does not rise.
+            parts += [note.rstrip(".") for note in result.notes]
         elif result.capital is not None:
             threshold = 1 / self._settings.false_alarm_rate
             parts.append(f"evidence {result.capital:.3g} of {threshold:.3g}")
@@ -285,7 +287,9 @@ class RecordingFiler:
         if judgment.label is not None:
             parts.append(f"{judgment.label} {judgment.probability:.2f}")
         suspect = judgment.reasons["suspect"]
-        if suspect:
+        # Why none can be named does not change from recording to recording.
+        is_new = result.pump is not None
+        if suspect and (is_new or suspect["certainty"] != "none"):
             parts.append(suspect["sentence"].rstrip("."))
 
         if result.pump is not None:

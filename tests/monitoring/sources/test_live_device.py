@@ -67,6 +67,18 @@ def test_numbers_and_facts_are_those_of_the_descriptor() -> None:
     assert np.abs(curvature - expected).max() < 1e-3 * np.abs(expected).max()
 
 
+def test_a_channel_is_set_up_by_its_own_properties() -> None:
+    properties = {"AI 1/Amplitude": "2", "AI 2/Waveform": "rect"}
+    recorder = LiveRecorder(LiveSettings(settings(properties=properties, sensitivity=None), 0.2))
+    (recording,) = take(recorder, 1)
+    recorder.close()
+
+    assert isinstance(recording, Recording)
+    sine, rectangle = recording.signal
+    assert np.abs(sine).max() == pytest.approx(2, rel=1e-6)
+    assert set(np.abs(rectangle)) == {AMPLITUDE_V}
+
+
 def test_volts_stay_volts_without_a_sensitivity() -> None:
     device = LiveDevice(settings(sensitivity=None))
 
@@ -100,6 +112,12 @@ def test_a_tachometer_gives_the_speed_and_is_no_channel() -> None:
         ({"channels": ("AI 7",)}, "has no channel 'AI 7'. Its channels are AI 1, AI 2."),
         ({"properties": {"Gain": "2"}}, "has no property 'Gain'. Its properties are Number"),
         ({"properties": {"NumberOfChannels": "two"}}, "does not take NumberOfChannels = 'two'"),
+        ({"properties": {"AI 9/DC": "1"}}, "has no channel 'AI 9'. Its channels are AI 1, AI 2."),
+        (
+            {"properties": {"AI 1/Gain": "2"}},
+            "Channel 'AI 1' of daqref://device0 has no property 'Gain'. Its properties are Wave",
+        ),
+        ({"properties": {"AI 1/Waveform": "saw"}}, "choose one of Sine, Rect, None, Counter"),
         ({"sensitivity": "fast"}, "sensitivity (fast) must be a number with its unit"),
         ({"device": "daqref://device9"}, "does not answer. Check its cable and address, or"),
         ({"device": "nonsense"}, "Devices that answer here: daqref://device0"),

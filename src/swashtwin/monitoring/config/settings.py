@@ -264,7 +264,9 @@ class LiveSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="live
     sensitivity: Text | tuple[Text, ...] | None = None
     """Sensitivity of the sensors, as in an index: ``"99.7 mV/g"``."""
     properties: dict[Text, Text] = {}
-    """Further properties of the device, by their names in openDAQ."""
+    """Further properties, by their names in openDAQ: of the device, or ``"AI 1/Range"`` of a
+    channel.
+    """
 
     def __post_init__(self) -> None:
         if self.length < MIN_LENGTH_S:

@@ -70,7 +70,9 @@ class DeviceSettings:
     sensitivity: str | tuple[str, ...] | None = None
     """Sensitivity of the sensors, as of a file: ``"99.7 mV/g"``."""
     properties: Mapping[str, str] | None = None
-    """Further properties of the device, by their names in openDAQ."""
+    """Further properties, by their names in openDAQ: of the device, or ``"AI 1/Range"`` of a
+    channel.
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,22 +233,41 @@ class LiveDevice:
         return signals
 
     def _set_property(self, name: str, text: str) -> None:
-        device = self._device
-        names = [entry.name for entry in device.visible_properties]
-        if name not in names:
+        """Set a property of the device, or of a channel: ``"AI 1/Range"``."""
+        channel_name, _, property_name = name.rpartition("/")
+        component = self._device
+        owner = self._settings.device
+        if channel_name:
+            component = self._find_channel(channel_name)
+            owner = f"Channel {channel_name!r} of {owner}"
+
+        names = [entry.name for entry in component.visible_properties]
+        if property_name not in names:
             raise InputError(
-                f"{self._settings.device} has no property {name!r}. Its properties are "
-                f"{', '.join(names)}."
+                f"{owner} has no property {property_name!r}. Its properties are {', '.join(names)}."
             )
 
-        current = device.get_property_value(name)
+        current = component.get_property_value(property_name)
         try:
-            device.set_property_value(name, _convert_like(current, text))
+            value = _convert_property(component, property_name, text)
+            component.set_property_value(property_name, value)
         except (ValueError, TypeError, RuntimeError) as cause:
             raise InputError(
-                f"{self._settings.device} does not take {name} = {text!r} (now {current!r}): "
+                f"{owner} does not take {property_name} = {text!r} (now {current!r}): "
                 f"{str(cause).rstrip('.')}."
             ) from cause
+
+    def _find_channel(self, name: str) -> Any:
+        """Return the channel of the device that has the signal of this name."""
+        signals = self._find_signals()
+        if name in signals:
+            for channel in self._device.channels_recursive:
+                if signals[name].global_id in [own.global_id for own in channel.signals_recursive]:
+                    return channel
+        raise InputError(
+            f"{self._settings.device} has no channel {name!r}. Its channels are "
+            f"{', '.join(signals)}."
+        )
 
     def _set_rate(self) -> None:
         """Set the sample rate that the settings require; whether it took is checked later."""
@@ -479,8 +500,26 @@ def _sample_rate(signal: Any) -> float:
     return float(resolution.denominator) / (_time_step(signal) * float(resolution.numerator))
 
 
-def _convert_like(current: object, text: str) -> object:
-    """Return a text as the type of a property's current value."""
+def _read_choices(component: Any, name: str) -> dict[int, str]:
+    """Return the choices of a property, by the number that selects each; empty if it is free."""
+    choices = component.get_property(name).selection_values
+    if choices is None:
+        return {}
+    # openDAQ has them as a dictionary, or as a list in which the place is the number.
+    pairs = dict(choices).items() if hasattr(choices, "keys") else enumerate(choices)
+    return {int(number): str(choice) for number, choice in pairs}
+
+
+def _convert_property(component: Any, name: str, text: str) -> object:
+    """Return a text as a value of a property: as one of its choices, or as its type."""
+    choices = _read_choices(component, name)
+    for number, choice in choices.items():
+        if text.casefold() == choice.casefold():
+            return number
+    if choices:
+        raise ValueError(f"choose one of {', '.join(choices.values())}")
+
+    current = component.get_property_value(name)
     if isinstance(current, bool):
         if text.lower() not in ("true", "false"):
             raise ValueError("it must be true or false")
@@ -494,10 +533,10 @@ def _convert_like(current: object, text: str) -> object:
 
 def _set_rate_property(component: Any, name: str, rate: float) -> None:
     """Set a rate as a number, or as the choice of that number."""
-    choices = component.get_property(name).selection_values
-    if choices is None:
+    choices = _read_choices(component, name)
+    if not choices:
         component.set_property_value(name, rate)
         return
-    for key, value in dict(choices).items():
-        if math.isclose(float(str(value)), rate, rel_tol=RATE_TOLERANCE):
-            component.set_property_value(name, key)
+    for number, choice in choices.items():
+        if math.isclose(float(choice), rate, rel_tol=RATE_TOLERANCE):
+            component.set_property_value(name, number)

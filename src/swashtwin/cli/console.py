@@ -37,8 +37,10 @@ SILENCE_S = 60.0
 MIN_ESTIMATED_S = 10.0
 """Duration of an activity from which a log file states at once how long it will take."""
 MAX_LONG_UNITS = 10
-"""Number of units of work above which each unit is short. The first one is then left out of the
-estimate, since the start of processes may take longer.
+"""Number of units of work up to which the first one counts for the estimate, however short."""
+MAX_START_S = 60.0
+"""Duration up to which the first of many units is left out of the estimate: it includes the start
+of processes, which may have taken longer than the unit.
 """
 
 # A number in a note, with its sign, decimals and exponent.
@@ -250,8 +252,8 @@ class _Activity:
         self.updated = time.monotonic()
         if self._n_before is None:
             self._n_before = max(count - 1, 0)
-        if total > MAX_LONG_UNITS and not self.is_first_done and count > self._n_before:
-            # It took the start of the processes, too.
+        is_first = not self.is_first_done and count > self._n_before
+        if is_first and total > MAX_LONG_UNITS and self.updated - self.begun < MAX_START_S:
             self._n_before = count
             self.begun = self.updated
         self.is_first_done = count > 0

@@ -174,6 +174,18 @@ def test_the_first_of_many_long_units_counts(
     assert lines[-1] == "courses: 2 of 25, about 1 h 40 min of 1 h 48 min left"
 
 
+def test_a_process_that_joblib_replaces_is_not_reported() -> None:
+    code = (
+        "import warnings; from swashtwin.cli import console; console.safe_streams(); "
+        "warnings.warn('A worker stopped while some jobs were given to the executor.'); "
+        "warnings.warn('another warning')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    assert "A worker stopped" not in done.stderr
+    assert "another warning" in done.stderr
+
+
 def test_a_short_command_prints_no_progress(
     clock: Clock, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -68,7 +69,10 @@ recordings are sound but too few. `INTERRUPTED`: the convention for SIGINT, 128 
 
 
 def safe_streams() -> None:
-    """Let the console print characters that it cannot encode, and library logs, as escape codes."""
+    """Let the console print characters that it cannot encode, and library logs, as escape codes.
+
+    A warning of joblib about what it mends itself is left out.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -77,6 +81,8 @@ def safe_streams() -> None:
     handler.setFormatter(_EscapingFormatter("%(levelname)s: %(message)s"))
     logging.basicConfig(handlers=[handler])
     logging.captureWarnings(capture=True)
+    # loky replaces a process whose memory has grown; no work is lost, and no user can mend it.
+    warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
 
 
 class _EscapingFormatter(logging.Formatter):

@@ -7,7 +7,7 @@ import json
 import math
 import re
 import reprlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import fields, is_dataclass
 from functools import cache
 from types import MappingProxyType, NoneType, UnionType
@@ -162,7 +162,7 @@ def _describe_misfit(message: str, form: Any, table: Any) -> str:
     unknown_field = _UNKNOWN_FIELD.fullmatch(text)
     missing_field = _MISSING_FIELD.fullmatch(text)
     if unknown_field:
-        text = _describe_unknown_entry(unknown_field[1], form)
+        text = _describe_unknown_entry(unknown_field[1], _entry_types_at(path, form))
     elif missing_field:
         text = f"the entry {missing_field[1]!r} is missing"
     elif text.startswith(_INVALID_CHOICE):
@@ -174,8 +174,12 @@ def _describe_misfit(message: str, form: Any, table: Any) -> str:
     return f"{path}: {text}" if path else text
 
 
-def _describe_unknown_entry(name: str, form: Any) -> str:
-    suggestion = closest_name(name, _entry_names(form))
+def _describe_unknown_entry(name: str, names: Iterable[str]) -> str:
+    suggestion = closest_name(name, names)
+    # "pressure" rather means "discharge_pressure" than "pressure_unit".
+    longer_names = [candidate for candidate in names if candidate.endswith(f"_{name}")]
+    if len(longer_names) == 1:
+        suggestion = longer_names[0]
     hint = f"; did you mean {suggestion!r}?" if suggestion else ""
     return f"there is no entry {name!r}{hint}"
 
@@ -213,15 +217,24 @@ def _name_types(types: re.Match[str]) -> str:
     return " or ".join(_TYPE_NAMES.get(name, name) for name in names)
 
 
-def _entry_names(form: Any) -> set[str]:
-    """Return the names of all entries of a type and of the types inside it."""
+def _entry_types_at(path: str, form: Any) -> dict[str, Any]:
+    """Return the types of the entries of a table, such as ``machine[0]`` of a configuration."""
+    types = _entry_types(form)
+    for name in re.findall(r"[A-Za-z_]\w*", path):
+        types = _entry_types(types.get(name))
+    return types
+
+
+def _entry_types(form: Any) -> dict[str, Any]:
+    """Return the types of the entries of a type, or of the types that it lists."""
     if is_dataclass(form):
-        types = {field.name: field.type for field in fields(form)}
-    elif isinstance(form, type) and issubclass(form, msgspec.Struct):
-        types = {field.encode_name: field.type for field in msgspec.structs.fields(form)}
-    else:
-        return set[str]().union(*map(_entry_names, getattr(form, "__args__", ())))
-    return {*types}.union(*map(_entry_names, types.values()))
+        return {field.name: field.type for field in fields(form)}
+    if isinstance(form, type) and issubclass(form, msgspec.Struct):
+        return {field.encode_name: field.type for field in msgspec.structs.fields(form)}
+    types: dict[str, Any] = {}
+    for argument in getattr(form, "__args__", ()):
+        types |= _entry_types(argument)
+    return types
 
 
 def parse_json(text: str) -> Any:

@@ -15,7 +15,7 @@ _MIN_ABBREVIATION = 3
 
 
 def closest_name(name: str, names: Iterable[str]) -> str | None:
-    """Return the one of `names` that `name` may be a slip, the end or the beginning of, or None.
+    """Return the one of `names` that `name` may be a slip or an abbreviation of, or None.
 
     Capitals, blanks and hyphens do not count. Names with other digits are other names.
 
@@ -25,8 +25,6 @@ def closest_name(name: str, names: Iterable[str]) -> str | None:
     'swash_plate'
     >>> closest_name("valve", ["swash_plate", "valve_plate"])
     'valve_plate'
-    >>> closest_name("pressure", ["discharge_pressure", "pressure_unit"])
-    'discharge_pressure'
     >>> closest_name("swash_plate", ["normal", "valve_plate"])
     >>> closest_name("pump_2", ["pump_1"])
     >>> closest_name("lr", ["rr"])
@@ -47,14 +45,9 @@ def closest_name(name: str, names: Iterable[str]) -> str | None:
 
     if len(word) < _MIN_ABBREVIATION:
         return None
-    # A discharge pressure is a pressure, a pressure unit is a unit.
     longer_names = [
-        candidate for candidate, folded in folded_names.items() if folded.endswith(f"_{word}")
+        candidate for candidate, folded in folded_names.items() if folded.startswith(word)
     ]
-    if not longer_names:
-        longer_names = [
-            candidate for candidate, folded in folded_names.items() if folded.startswith(word)
-        ]
     return longer_names[0] if len(longer_names) == 1 else None
 
 

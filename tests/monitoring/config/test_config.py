@@ -105,7 +105,8 @@ def test_a_limit_of_a_severity_is_checked_when_the_file_is_read(
             "[[machine]]\nname='p'\nsped='1 rpm'",
             "number 2: there is no entry 'sped'; did you mean 'speed'",
         ),
-        ("[[machine]]\nname='p'\npressure='9 MPa'", "did you mean 'discharge_pressure'?"),
+        ("[[machine]]\nname='p'\npressure='9 MPa'", r"did you mean 'discharge_pressure'\?$"),
+        ("[[machine]]\nname='p'\nhost='h'", r"there is no entry 'host'\.$"),
         # a number without a unit could be rpm or rad/s
         ("[[machine]]\nname='p'\nspeed=1500", "must be text in quotes"),
         ("[[machine]]\nname='p'\nspeed='-3 rpm'", "must be above 0 rad/s"),

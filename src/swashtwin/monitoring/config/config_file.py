@@ -84,23 +84,21 @@ def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) 
         config = from_table({**table, "(file)": str(path.absolute())}, WatchConfig, to_array=read)
         _check(config)
     except InputError as cause:
-        raise InputError(f"{path}: {_describe_entry_error(str(cause))}.") from cause
+        raise InputError(f"{path}: {_describe_entry_error(str(cause))}") from cause
     except SwashTwinError as cause:
         raise cause.with_context(f"{path}: ") from cause
     return config
 
 
 def _describe_entry_error(text: str) -> str:
-    """Return an error about an entry with the words that the file uses, without a full stop."""
-    text = _LIST_INDEX.sub(
-        lambda match: f"[[{match[1]}]] number {int(match[2]) + 1}: ", text
-    ).rstrip(".")
+    """Return an error about an entry with the words that the file uses."""
+    text = _LIST_INDEX.sub(lambda match: f"[[{match[1]}]] number {int(match[2]) + 1}: ", text)
     if "kind: " in text:
-        text += (
-            "; the kinds of a source are folder, mqtt, http, live, those of a channel log, "
-            "webhook, mqtt, email"
+        text = (
+            f"{text.rstrip('.')}; the kinds of a source are folder, mqtt, http, live, those of a "
+            "channel log, webhook, mqtt, email."
         )
-    return text
+    return text if text.endswith(("?", ".")) else f"{text}."
 
 
 def write_example(path: Path) -> Path:

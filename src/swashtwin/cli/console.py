@@ -43,6 +43,10 @@ MAX_START_S = 60.0
 """Duration up to which the first of many units is left out of the estimate: it includes the start
 of processes, which may have taken longer than the unit.
 """
+MIN_COUNTED_UNITS = 3
+"""Units after one that was left out from which on there is an estimate: processes that work side by
+side finish their first units at about the same time.
+"""
 
 # A number in a note, with its sign, decimals and exponent.
 _NUMBER = re.compile(r"[-+−]?\d[\d.,]*(?:e[-+]?\d+)?")
@@ -241,6 +245,9 @@ class _Activity:
         self.is_first_done = False
         # Units that do not count: those of an earlier run of the command, and the first of many.
         self._n_before: int | None = None
+        # Time from which the others count.
+        self._counted_from = self.begun
+        self._is_first_left_out = False
 
     def update(self, count: int, total: int, description: str) -> None:
         """Take over what is finished.
@@ -254,6 +261,8 @@ class _Activity:
             self.is_announced = False
             self.is_first_done = False
             self._n_before = None
+            self._counted_from = self.begun
+            self._is_first_left_out = False
 
         self.updated = time.monotonic()
         if self._n_before is None:
@@ -261,7 +270,8 @@ class _Activity:
         is_first = not self.is_first_done and count > self._n_before
         if is_first and total > MAX_LONG_UNITS and self.updated - self.begun < MAX_START_S:
             self._n_before = count
-            self.begun = self.updated
+            self._counted_from = self.updated
+            self._is_first_left_out = True
         self.is_first_done = count > 0
         self.description = description
         self.count = count
@@ -270,14 +280,17 @@ class _Activity:
     def estimate(self) -> tuple[float, float] | None:
         """Return how long the activity takes in total, and how long it still takes [s]."""
         n_done = self.count - (self._n_before or 0)
-        if n_done < 1 or not self.total:
+        n_needed = MIN_COUNTED_UNITS if self._is_first_left_out else 1
+        if n_done < n_needed or not self.total:
             return None
-        elapsed = time.monotonic() - self.begun
-        waited = time.monotonic() - self.updated
+
+        now = time.monotonic()
+        waited = now - self.updated
         # The unit under way may take longer than the others did.
-        per_unit = max((self.updated - self.begun) / n_done, elapsed / (n_done + 1))
+        mean_duration = (self.updated - self._counted_from) / n_done
+        per_unit = max(mean_duration, (now - self._counted_from) / (n_done + 1))
         left = max(per_unit * (self.total - self.count) - min(waited, per_unit), 0.0)
-        return elapsed + left, left
+        return now - self.begun + left, left
 
     def remainder(self) -> str:
         """Return how long it takes, and how long it still takes; else how long it has taken."""

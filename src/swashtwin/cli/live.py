@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import print_note, print_result, print_text
-from swashtwin.cli.options import Json, Settings, read_pairs, spell_as_option
+from swashtwin.cli.options import Json, read_pairs, spell_as_option
 from swashtwin.cli.outputs import require_folder
 from swashtwin.cli.signal import Pistons, Tachometer
 from swashtwin.cli.watching import stop_signals
@@ -56,7 +56,15 @@ def record(
             help='Scale of the channels: "99.7 mV/g", or NAME=SCALE for one channel. Repeatable.'
         ),
     ] = None,
-    settings: Settings = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help='Other setting of the device by its name in openDAQ, or "AI 1/NAME=VALUE" of a '
+            "channel. Repeatable.",
+        ),
+    ] = None,
     tachometer: Tachometer = None,
     speed: Annotated[str | None, typer.Option(help='Shaft speed: "860 rpm".')] = None,
     pressure: Annotated[

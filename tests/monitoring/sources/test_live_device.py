@@ -4,6 +4,7 @@ import math
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from errno import ENOSPC
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,42 @@ def test_a_channel_is_set_up_by_its_own_properties() -> None:
     assert set(np.abs(rectangle)) == {AMPLITUDE_V}
 
 
+def test_the_order_of_properties_does_not_matter_and_they_are_set_again() -> None:
+    # a constant waveform hides the amplitude, and the channel exists only if there are three
+    properties = {"AI 3/Waveform": "Constant", "AI 3/DC": "1", "NumberOfChannels": "3"}
+    device = LiveDevice(settings(properties=properties))
+    device.set_up()
+
+    assert device.channels == ("AI 1", "AI 2", "AI 3")
+    device.close()
+
+
+@dataclass
+class ChoiceProperty:
+    """A property that offers sample rates, as openDAQ describes it."""
+
+    selection_values: object
+
+
+@pytest.mark.parametrize(
+    ("choices", "number"),
+    [(["Off", "1000", "25600.0"], 2), ({7: "25600", 9: "51200"}, 7), (["1000"], None)],
+)
+def test_a_rate_is_set_by_the_number_of_its_choice(choices: object, number: int | None) -> None:
+    values: dict[str, float] = {}
+
+    class Device:
+        def get_property(self, name: str) -> ChoiceProperty:
+            return ChoiceProperty(choices)
+
+        def set_property_value(self, name: str, value: float) -> None:
+            values[name] = value
+
+    live_device._set_rate_property(Device(), "SampleRate", 25.6e3)
+
+    assert values == ({} if number is None else {"SampleRate": number})
+
+
 def test_volts_stay_volts_without_a_sensitivity() -> None:
     device = LiveDevice(settings(sensitivity=None))
 
@@ -117,6 +154,18 @@ def test_a_tachometer_gives_the_speed_and_is_no_channel() -> None:
             {"properties": {"AI 1/Gain": "2"}},
             "Channel 'AI 1' of daqref://device0 has no property 'Gain'. Its properties are Wave",
         ),
+        ({"properties": {"ai 1/DC": "1"}}, "no channel 'ai 1'. Did you mean 'AI 1'? Its channels"),
+        (
+            {"properties": {"AI 1/NoiseAmplitudes": "1"}},
+            "has no property 'NoiseAmplitudes'. Did you mean 'NoiseAmplitude'? Its properties",
+        ),
+        ({"properties": {"AI 1/": "1"}}, "has no property ''. Its properties are Wave"),
+        ({"properties": {"/DC": "1"}}, "has no channel ''. Its channels are AI 1, AI 2."),
+        ({"properties": {"AI 1/Amplitude": "99"}}, "it sets 10.0 instead."),
+        ({"properties": {"AI 1/Amplitude": "nan"}}, "it must be a number."),
+        ({"properties": {"AI 1/Offset": "1.5"}}, "it must be a whole number."),
+        ({"properties": {"AI 1/TestReadOnly": "false"}}, "it can only be read."),
+        ({"properties": {"AI 1/CustomRange": "1"}}, "it holds neither a number nor text."),
         ({"properties": {"AI 1/Waveform": "saw"}}, "choose one of Sine, Rect, None, Counter"),
         ({"sensitivity": "fast"}, "sensitivity (fast) must be a number with its unit"),
         ({"device": "daqref://device9"}, "does not answer. Check its cable and address, or"),

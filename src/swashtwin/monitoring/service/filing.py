@@ -287,9 +287,7 @@ class RecordingFiler:
         if judgment.label is not None:
             parts.append(f"{judgment.label} {judgment.probability:.2f}")
         suspect = judgment.reasons["suspect"]
-        # Why none can be named does not change from recording to recording.
-        is_new = result.pump is not None
-        if suspect and (is_new or suspect["certainty"] != "none"):
+        if suspect:
             parts.append(suspect["sentence"].rstrip("."))
 
         if result.pump is not None:

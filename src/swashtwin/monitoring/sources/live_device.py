@@ -6,7 +6,7 @@ unit, scale and sample rate of a channel come from the descriptor of its signal.
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -20,6 +20,7 @@ from jaxtyping import Float
 from swashtwin.foundation import (
     DataError,
     InputError,
+    closest_name,
     load_extra,
     plain_text,
 )
@@ -175,8 +176,10 @@ class LiveDevice:
             self._set_up()
 
     def _set_up(self) -> None:
-        for name, text in (self._settings.properties or {}).items():
-            self._set_property(name, text)
+        # Those of the device first: they decide which channels there are.
+        properties = self._settings.properties or {}
+        for name in sorted(properties, key=lambda name: "/" in name):
+            self._set_property(name, properties[name])
         self._set_rate()
 
         signals = self._find_signals()
@@ -234,40 +237,48 @@ class LiveDevice:
 
     def _set_property(self, name: str, text: str) -> None:
         """Set a property of the device, or of a channel: ``"AI 1/Range"``."""
-        channel_name, _, property_name = name.rpartition("/")
+        channel_name, slash, property_name = name.rpartition("/")
         component = self._device
         owner = self._settings.device
-        if channel_name:
+        if slash:
             component = self._find_channel(channel_name)
             owner = f"Channel {channel_name!r} of {owner}"
 
-        names = [entry.name for entry in component.visible_properties]
+        # One that was set before may have hidden another one, which still can be set.
+        names = [entry.name for entry in component.all_properties]
         if property_name not in names:
+            visible_names = [entry.name for entry in component.visible_properties]
             raise InputError(
-                f"{owner} has no property {property_name!r}. Its properties are {', '.join(names)}."
+                f"{owner} has no property {property_name!r}.{_hint(property_name, names)} Its "
+                f"properties are {', '.join(visible_names)}."
             )
 
-        current = component.get_property_value(property_name)
         try:
-            value = _convert_property(component, property_name, text)
+            value = _convert_property(component.get_property(property_name), text)
             component.set_property_value(property_name, value)
+            taken = component.get_property_value(property_name)
         except (ValueError, TypeError, RuntimeError) as cause:
             raise InputError(
-                f"{owner} does not take {property_name} = {text!r} (now {current!r}): "
-                f"{str(cause).rstrip('.')}."
+                f"{owner} does not take {property_name} = {text!r}: {str(cause).rstrip('.')}."
             ) from cause
+        if not _is_same(taken, value):
+            raise InputError(
+                f"{owner} does not take {property_name} = {text!r}: it sets {taken!r} instead."
+            )
 
     def _find_channel(self, name: str) -> Any:
-        """Return the channel of the device that has the signal of this name."""
+        """Return the channel that a name stands for, which is the name of its signal."""
         signals = self._find_signals()
-        if name in signals:
-            for channel in self._device.channels_recursive:
-                if signals[name].global_id in [own.global_id for own in channel.signals_recursive]:
-                    return channel
-        raise InputError(
-            f"{self._settings.device} has no channel {name!r}. Its channels are "
-            f"{', '.join(signals)}."
-        )
+        if name not in signals:
+            raise InputError(
+                f"{self._settings.device} has no channel {name!r}.{_hint(name, signals)} Its "
+                f"channels are {', '.join(signals)}."
+            )
+        for channel in self._device.channels_recursive:
+            ids = [signal.global_id for signal in channel.signals_recursive]
+            if signals[name].global_id in ids:
+                return channel
+        raise InputError(f"The signal {name!r} of {self._settings.device} has no properties.")
 
     def _set_rate(self) -> None:
         """Set the sample rate that the settings require; whether it took is checked later."""
@@ -500,43 +511,85 @@ def _sample_rate(signal: Any) -> float:
     return float(resolution.denominator) / (_time_step(signal) * float(resolution.numerator))
 
 
-def _read_choices(component: Any, name: str) -> dict[int, str]:
-    """Return the choices of a property, by the number that selects each; empty if it is free."""
-    choices = component.get_property(name).selection_values
+def _hint(name: str, names: Iterable[str]) -> str:
+    suggestion = closest_name(name, names)
+    return f" Did you mean {suggestion!r}?" if suggestion else ""
+
+
+def _read_choices(entry: Any) -> dict[int, str]:
+    """Return the choices of a property, by the number that selects each; without choices, nothing.
+
+    openDAQ has them as a dictionary, or as a list in which the place is the number.
+    """
+    choices = entry.selection_values
     if choices is None:
         return {}
-    # openDAQ has them as a dictionary, or as a list in which the place is the number.
     pairs = dict(choices).items() if hasattr(choices, "keys") else enumerate(choices)
     return {int(number): str(choice) for number, choice in pairs}
 
 
-def _convert_property(component: Any, name: str, text: str) -> object:
-    """Return a text as a value of a property: as one of its choices, or as its type."""
-    choices = _read_choices(component, name)
+def _find_choice(choices: Mapping[int, str], text: str) -> int | None:
+    """Return the number of the choice that a text names: ``"10"`` is ``"10.0"``, too."""
     for number, choice in choices.items():
         if text.casefold() == choice.casefold():
             return number
-    if choices:
-        raise ValueError(f"choose one of {', '.join(choices.values())}")
+    for number, choice in choices.items():
+        with suppress(ValueError):
+            if math.isclose(float(choice), float(text), rel_tol=RATE_TOLERANCE):
+                return number
+    return None
 
-    current = component.get_property_value(name)
-    if isinstance(current, bool):
+
+def _convert_property(entry: Any, text: str) -> bool | int | float | str:
+    """Return a text as a value of a property: as one of its choices, or as its type.
+
+    Raises
+    ------
+    ValueError
+        The property does not take this text.
+    """
+    if entry.read_only:
+        raise ValueError("it can only be read")
+    choices = _read_choices(entry)
+    if choices:
+        number = _find_choice(choices, text)
+        if number is None:
+            raise ValueError(f"choose one of {', '.join(choices.values())}")
+        return number
+
+    kind = entry.value_type.name
+    if kind == "ctBool":
         if text.lower() not in ("true", "false"):
             raise ValueError("it must be true or false")
         return text.lower() == "true"
-    if isinstance(current, int):
-        return int(text)
-    if isinstance(current, float):
-        return float(text)
+    if kind in ("ctInt", "ctFloat"):
+        return _convert_number(text, is_whole=kind == "ctInt")
+    if kind != "ctString":
+        raise ValueError("it holds neither a number nor text")
     return text
+
+
+def _convert_number(text: str, *, is_whole: bool) -> int | float:
+    try:
+        number = int(text) if is_whole else float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(f"it must be a {'whole ' if is_whole else ''}number")
+    return number
+
+
+def _is_same(taken: object, value: object) -> bool:
+    if isinstance(taken, float) and isinstance(value, float):
+        return math.isclose(taken, value, rel_tol=RATE_TOLERANCE)
+    return taken == value
 
 
 def _set_rate_property(component: Any, name: str, rate: float) -> None:
     """Set a rate as a number, or as the choice of that number."""
-    choices = _read_choices(component, name)
-    if not choices:
-        component.set_property_value(name, rate)
-        return
-    for number, choice in choices.items():
-        if math.isclose(float(choice), rate, rel_tol=RATE_TOLERANCE):
-            component.set_property_value(name, number)
+    choices = _read_choices(component.get_property(name))
+    value: float | None = rate
+    if choices:
+        value = _find_choice(choices, f"{rate}")
+    if value is not None:
+        component.set_property_value(name, value)

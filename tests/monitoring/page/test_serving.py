@@ -63,6 +63,26 @@ def status_of(answer: bytes) -> int:
     return int(answer.split(b" ", 2)[1])
 
 
+def test_the_body_of_an_answer_does_not_wait_until_the_client_acknowledges_its_head(
+    plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    number = free_port()
+    listeners = []
+    create_server = socket.create_server
+
+    def record(*arguments, **options) -> socket.socket:
+        listener = create_server(*arguments, **options)
+        # The server takes the listener over; a duplicate has the same options.
+        listeners.append(listener.dup())
+        return listener
+
+    monkeypatch.setattr(server.socket, "create_server", record)
+    application = build_watch_page(plant.config, plant.history, upload=lambda *_: "id")
+    # Connections inherit the option of the socket that accepts them.
+    with server.serving_page(application, "127.0.0.1", number), listeners[0] as listener:
+        assert listener.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
 def test_a_connection_is_closed_if_no_further_request_follows_an_answer(port: int) -> None:
     start = time.monotonic()
     answer = answer_to(port, HEALTH_REQUEST + b"\r\n")

@@ -1,6 +1,7 @@
 """The explorer in a real Chromium, used as a person does: by mouse, keyboard and clipboard."""
 
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -424,6 +425,36 @@ def test_a_scrubbed_pump_shows_angle_pressure_and_both_waveforms(
             share = (value - lowest) / (highest - lowest)
             assert y == pytest.approx(low + (high - low) * share, abs=1)
         assert tab.locator(".living-pump output").inner_text().startswith(f"{degrees}°")
+
+
+def test_a_pump_that_was_out_of_sight_is_drawn_when_it_comes_into_view(
+    browser, address: str
+) -> None:
+    def draws() -> str:
+        return tab.evaluate("document.querySelector('.pump-curves').toDataURL()")
+
+    def wait_until(is_outdated: bool) -> None:
+        # The pages' policy forbids the evaluated text of `wait_for_function`.
+        deadline = time.monotonic() + 20
+        pump = "document.querySelector('.living-pump').pump"
+        while tab.evaluate(f"{pump}.isOutdated") != is_outdated:
+            assert time.monotonic() < deadline
+            tab.wait_for_timeout(50)
+
+    for tab in tabs(browser, address, reduced_motion="reduce"):
+        enter(tab, "#twin")
+        before = draws()
+        tab.evaluate("scrollTo(0, document.body.scrollHeight)")
+        tab.wait_for_timeout(200)
+        tab.get_by_label("Discharge pressure").evaluate(
+            "slider => { slider.value = 25; slider.dispatchEvent(new Event('input')); }"
+        )
+        wait_until(is_outdated=True)
+        assert draws() == before
+
+        tab.evaluate("scrollTo(0, 0)")
+        wait_until(is_outdated=False)
+        assert draws() != before
 
 
 @pytest.mark.parametrize(("motion", "is_turning"), [("no-preference", True), ("reduce", False)])

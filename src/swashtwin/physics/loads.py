@@ -274,11 +274,19 @@ def generalized_forces(
     force : axial force A (p - p_case) on each piston [N].
     angle : shaft angle phi_j of each piston [rad].
     """
-    return _resultants(pump, force, np.cos(angle), np.sin(angle)).T @ _shares(pump).T
+    return force_and_moments(pump, force, np.cos(angle), np.sin(angle)).T @ pressure_shares(pump).T
 
 
-def _resultants(pump: Pump, force: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    """Return the sum of the piston forces [N], and their moments about x and y [N m]."""
+def force_and_moments(
+    pump: Pump, force: np.ndarray, cosine: np.ndarray, sine: np.ndarray
+) -> np.ndarray:
+    """Return the sum of the piston forces [N], and their moments about x and y [N m].
+
+    Parameters
+    ----------
+    force : axial force on each piston (piston, step) [N].
+    cosine, sine : of the shaft angle of each piston (piston, step).
+    """
     radius = pump.rotating_group.pitch_radius
     return np.stack(
         [
@@ -289,8 +297,8 @@ def _resultants(pump: Pump, force: np.ndarray, cosine: np.ndarray, sine: np.ndar
     )
 
 
-def _shares(pump: Pump) -> np.ndarray:
-    """Return the share of each degree of freedom in the resultants, for topology T1."""
+def pressure_shares(pump: Pump) -> np.ndarray:
+    """Return the share (13, 3) of each degree of freedom in pressures' `force_and_moments`, T1."""
     balance = pump.valve_plate.balance_ratio
     tangent = math.tan(pump.rotating_group.swash_angle)
     shares = np.zeros((N_DOF, 3))
@@ -374,11 +382,11 @@ def _all_force_lines(case: LoadCase, steps: int) -> Complex[np.ndarray, "order 1
     """Return all lines that `steps` give, for topology T1."""
     chamber, _, _ = _solved(case, steps, revolutions=2)
     force = case.pump.rotating_group.piston_area * (chamber - case.condition.case_pressure)
-    resultants = _resultants(case.pump, force, *_piston_cosines_and_sines(len(force), steps))
+    resultants = force_and_moments(case.pump, force, *_piston_cosines_and_sines(len(force), steps))
 
     # The first step ends at the angle 2 pi / steps; lines count from the angle 0.
     to_zero = np.exp(-1j * np.arange(steps // 2 + 1) * (2 * math.pi / steps))
-    lines = (fourier_lines(resultants) * to_zero).T @ _shares(case.pump).T
+    lines = (fourier_lines(resultants) * to_zero).T @ pressure_shares(case.pump).T
 
     unbalance = (
         case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2

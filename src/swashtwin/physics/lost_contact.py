@@ -43,7 +43,13 @@ from swashtwin.physics.chambers import AIR_FLOOR, ATMOSPHERE, FLOOR, orifice
 from swashtwin.physics.dynamics import N_DOF, Dof
 from swashtwin.physics.excitation import angle_ahead, combined_lines, slipper_profile, stages
 from swashtwin.physics.films import piston_leakage, slipper_leakage, valve_plate_leakage
-from swashtwin.physics.loads import LoadCase, chamber_pressures, generalized_forces, port_openings
+from swashtwin.physics.loads import (
+    LoadCase,
+    chamber_pressures,
+    force_and_moments,
+    port_openings,
+    pressure_shares,
+)
 from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.signals import fourier_lines
 
@@ -441,14 +447,12 @@ def loose_slipper_lines(
         raise InputError(f"n_lines ({n_lines}) must lie in 1...{steps // 2 - 1}.")
 
     # An acceleration is the difference of two steps, and belongs to the angle between them.
+    first = motion.angle[0]
     half_step = math.pi / steps
     inertia = pump.masses.piston_slipper * motion.extra_acceleration
-    inertia_loads = loads_on_slipper(pump, inertia, motion.angle + half_step)
-    lines = _lines(inertia_loads, motion.angle[0] + half_step, n_lines)
-
+    lines = _lines_of_force(pump, _slipper_shares(pump), inertia, first + half_step, n_lines)
     pressing = group.piston_area * motion.extra_pressure
-    pressure_loads = generalized_forces(pump, pressing[None], motion.angle[None])
-    lines += _lines(pressure_loads, motion.angle[0], n_lines)
+    lines += _lines_of_force(pump, pressure_shares(pump), pressing, first, n_lines)
 
     # From the loose piston's angle to that of piston 0.
     ahead = angle_ahead(pump, fault.slipper, "LooseSlipper.slipper")
@@ -460,26 +464,45 @@ def loose_slipper_lines(
 
 
 def loads_on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Return the loads of an axial `force` on one slipper toward the swash plate.
+    """Return the loads (step, 13) of an axial `force` on one slipper toward the swash plate.
 
     The slipper's side load in the bore is included.
     """
-    group = pump.rotating_group
-    slope = math.tan(group.swash_angle) ** 2
-    upward = group.pitch_radius * force * np.cos(angle)
-    sideward = group.pitch_radius * force * np.sin(angle)
-
-    loads = np.zeros((force.size, N_DOF))
-    loads[:, Dof.SHELL_TILT_X] = -(1 + slope) * upward
-    loads[:, Dof.SHELL_TILT_Y] = sideward
-    loads[:, Dof.ROTOR_TILT_X] = slope * upward
-    loads[:, Dof.RETAINER_Z] = -force
-    return loads
+    moments = force_and_moments(pump, force[None], np.cos(angle)[None], np.sin(angle)[None])
+    return moments.T @ _slipper_shares(pump).T
 
 
-def _lines(loads: np.ndarray, first: float, n_lines: int) -> np.ndarray:
-    """Return the order lines of loads over a revolution that begins at the angle `first` [rad]."""
-    lines = np.zeros((n_lines + 1, N_DOF), dtype=complex)
-    acts = loads.any(axis=0)
-    lines[:, acts] = fourier_lines(loads.T[acts]).T[: n_lines + 1]
-    return lines * np.exp(-1j * np.arange(n_lines + 1) * first)[:, None]
+def _slipper_shares(pump: Pump) -> np.ndarray:
+    """Return the share (13, 3) of each degree of freedom in a slipper's `force_and_moments`."""
+    slope = math.tan(pump.rotating_group.swash_angle) ** 2
+    shares = np.zeros((N_DOF, 3))
+    shares[Dof.RETAINER_Z, 0] = -1
+    shares[Dof.SHELL_TILT_X, 1] = -(1 + slope)
+    shares[Dof.ROTOR_TILT_X, 1] = slope
+    shares[Dof.SHELL_TILT_Y, 2] = 1
+    return shares
+
+
+def _lines_of_force(
+    pump: Pump, shares: np.ndarray, force: np.ndarray, first: float, n_lines: int
+) -> np.ndarray:
+    """Return the order lines (line, 13) of the loads of an axial force on one slipper.
+
+    Parameters
+    ----------
+    shares : of each degree of freedom in the force and its moments.
+    force : over one revolution (step) [N].
+    first : shaft angle of the slipper's piston at the first step [rad].
+    """
+    orders = np.arange(n_lines + 2)
+    lines = fourier_lines(force)[: n_lines + 2] * np.exp(-1j * orders * first)
+
+    # The moments are the force times cosine and sine of the angle, whose lines follow from those of
+    # its neighbors among the harmonics -1...n_lines + 1.
+    harmonics = np.concatenate([lines[1:2].conj() / 2, lines[:1], lines[1:] / 2])
+    radius = pump.rotating_group.pitch_radius
+    moment_x = radius * (harmonics[:-2] + harmonics[2:])
+    moment_y = radius * (harmonics[:-2] - harmonics[2:]) / 1j
+    moment_x[0] /= 2
+    moment_y[0] /= 2
+    return np.stack([lines[:-1], moment_x, moment_y], axis=1) @ shares.T

@@ -7,10 +7,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from swashtwin.foundation.cluster import ambient_client, run_on_cluster
 from swashtwin.foundation.errors import DataError, InputError
@@ -107,8 +108,19 @@ def one_thread() -> Iterator[None]:
     if torch is not None:
         # On its first use in a thread torch sets the number of threads, which would undo the limit.
         torch.get_num_threads()
-    with threadpool_limits(limits=1, user_api="openmp"):
+    loaded = frozenset(_OPENMP_PACKAGES & sys.modules.keys())
+    with _thread_pools(loaded).limit(limits=1, user_api="openmp"):
         yield
+
+
+# Packages that load an OpenMP library.
+_OPENMP_PACKAGES = {"torch", "sklearn", "numba"}
+
+
+@lru_cache(maxsize=8)
+def _thread_pools(_: frozenset[str]) -> ThreadpoolController:
+    """Return the thread pools of the loaded packages; to find them takes some milliseconds."""
+    return ThreadpoolController()
 
 
 MEMORY_VARIABLE = "SWASHTWIN_MEMORY_GB"

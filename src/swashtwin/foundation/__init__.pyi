@@ -44,6 +44,11 @@ from .file_access import read_text as read_text
 from .file_access import safe_file_name as safe_file_name
 from .file_access import sha256_of as sha256_of
 from .frames import data_frame as data_frame
+from .memory import MEMORY_VARIABLE as MEMORY_VARIABLE
+from .memory import keep_freed_memory as keep_freed_memory
+from .memory import memory_limit as memory_limit
+from .memory import require_memory as require_memory
+from .memory import return_memory as return_memory
 from .misspellings import closest_name as closest_name
 from .packages import VERSION as VERSION
 from .packages import __version__ as __version__
@@ -54,14 +59,9 @@ from .page_templates import load_templates as load_templates
 from .pressure_unit import PASCALS as PASCALS
 from .pressure_unit import PressureUnit as PressureUnit
 from .pressure_unit import convert_pressures as convert_pressures
-from .processes import MEMORY_VARIABLE as MEMORY_VARIABLE
 from .processes import exit_with_parent as exit_with_parent
-from .processes import keep_freed_memory as keep_freed_memory
-from .processes import memory_limit as memory_limit
 from .processes import one_thread as one_thread
 from .processes import parallel as parallel
-from .processes import require_memory as require_memory
-from .processes import return_memory as return_memory
 from .resumable_folders import first_difference as first_difference
 from .resumable_folders import require_disk_space as require_disk_space
 from .resumable_folders import resume_folder as resume_folder

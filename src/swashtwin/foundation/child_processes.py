@@ -27,7 +27,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 from weakref import WeakSet
 
-from swashtwin.foundation.processes import exit_with_parent, keep_freed_memory
+from swashtwin.foundation.memory import keep_freed_memory
+from swashtwin.foundation.processes import exit_with_parent
 
 _T = TypeVar("_T")
 

@@ -23,6 +23,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from swashtwin.foundation.errors import ClusterError, MissingFileError, SwashTwinError
+from swashtwin.foundation.memory import keep_freed_memory
 from swashtwin.foundation.packages import VERSION, load_extra
 
 # Time in which a scheduler, and all workers, must answer.
@@ -377,6 +378,8 @@ def _run_task(
     _require_environment(worker, _describe_environment(dask_worker), expected)
     if file is not None and not os.path.lexists(file):
         raise ClusterError(f"Worker {worker} does not see {file}. {_SAME_PATHS}", field="cluster")
+
+    keep_freed_memory()
     try:
         result: bytes = dumps(function(*loads(case)))
     except MissingFileError as cause:

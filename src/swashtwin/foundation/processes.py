@@ -1,6 +1,5 @@
-"""Parallel work in processes that end with their parent, and limits of threads and memory."""
+"""Parallel work in processes that end with their parent, and a limit of threads."""
 
-import ctypes
 import os
 import sys
 import threading
@@ -14,7 +13,7 @@ from typing import Any
 from threadpoolctl import ThreadpoolController
 
 from swashtwin.foundation.cluster import ambient_client, run_on_cluster
-from swashtwin.foundation.errors import DataError, InputError
+from swashtwin.foundation.memory import keep_freed_memory
 
 # Interval at which a process checks whether its parent is alive.
 _POLL_INTERVAL_S = 1.0
@@ -65,11 +64,16 @@ def parallel(
     processes = Parallel(
         n_jobs=jobs,
         backend="loky",
-        initializer=exit_with_parent,
+        initializer=_prepare_process,
         initargs=(os.getpid(),),
         return_as="generator",
     )
     yield from processes(delayed(function)(*case) for case in cases)
+
+
+def _prepare_process(parent: int) -> None:
+    exit_with_parent(parent)
+    keep_freed_memory()
 
 
 def exit_with_parent(parent: int) -> None:
@@ -121,75 +125,3 @@ _OPENMP_PACKAGES = {"torch", "sklearn", "numba"}
 def _thread_pools(_: frozenset[str]) -> ThreadpoolController:
     """Return the thread pools of the loaded packages; to find them takes some milliseconds."""
     return ThreadpoolController()
-
-
-MEMORY_VARIABLE = "SWASHTWIN_MEMORY_GB"
-"""Environment variable that sets the memory limit of one file [GB]."""
-_DEFAULT_LIMIT_GB = 4.0
-
-
-# Slightly below the largest block that changes malloc's threshold.
-_FREED_BLOCK_BYTES = (1 << 25) - (1 << 16)
-
-
-def keep_freed_memory() -> None:
-    """Let this process keep freed arrays of up to 32 MB for the next ones.
-
-    Linux's malloc gives them back to the system and asks for their pages anew. Freeing a block
-    teaches it to keep as much (mallopt(3), M_MMAP_THRESHOLD). `return_memory` gives back what is
-    not needed.
-    """
-    bytes(_FREED_BLOCK_BYTES)
-
-
-def memory_limit() -> int:
-    """Return the memory limit of one file's content [bytes]: 4 GB, or ``SWASHTWIN_MEMORY_GB``.
-
-    Raises
-    ------
-    InputError
-        The variable is not a positive number.
-    """
-    text = os.environ.get(MEMORY_VARIABLE, "").strip() or str(_DEFAULT_LIMIT_GB)
-    try:
-        gigabytes = float(text)
-    except ValueError:
-        gigabytes = 0.0
-    if not 0 < gigabytes < 1e6:
-        raise InputError(
-            f"{MEMORY_VARIABLE} = {text[:40]!r} must be a positive number of gigabytes, such as 8."
-        )
-    return int(gigabytes * 1e9)
-
-
-def require_memory(name: object, size: float, *, reason: str = "is read whole and takes") -> None:
-    """Raise an error if content needs more memory than `memory_limit`, before it is allocated.
-
-    Parameters
-    ----------
-    name : file or recording, the subject of the message.
-    size : bytes that its header, or a request, requires.
-    reason : predicate of the message, before the number.
-
-    Raises
-    ------
-    DataError
-        It exceeds the limit; the message holds both numbers and the variable that sets the limit.
-    """
-    limit = memory_limit()
-    if size > limit:
-        raise DataError(
-            f"{name} {reason} {size / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} GB; "
-            f"if the file is right, set {MEMORY_VARIABLE}={max(1, round(1.3 * size / 1e9 + 0.5))}."
-        )
-
-
-def return_memory() -> None:
-    """Return freed memory to the system.
-
-    A process that runs for days otherwise keeps it in ever smaller pieces. Without glibc's
-    malloc_trim, nothing happens.
-    """
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
-    if trim is not None:
-        trim(0)

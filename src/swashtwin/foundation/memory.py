@@ -1,0 +1,92 @@
+"""Limits of memory, and how a process keeps and returns it."""
+
+import ctypes
+import os
+import sys
+from collections.abc import Callable
+
+from swashtwin.foundation.errors import DataError, InputError
+
+MEMORY_VARIABLE = "SWASHTWIN_MEMORY_GB"
+"""Environment variable that sets the memory limit of one file [GB]."""
+_DEFAULT_LIMIT_GB = 4.0
+
+
+# Parameters of mallopt, and the largest threshold that it accepts.
+_M_TRIM_THRESHOLD = -1
+_M_MMAP_THRESHOLD = -3
+_MAX_THRESHOLD_BYTES = 1 << 25
+
+
+def memory_limit() -> int:
+    """Return the memory limit of one file's content [bytes]: 4 GB, or ``SWASHTWIN_MEMORY_GB``.
+
+    Raises
+    ------
+    InputError
+        The variable is not a positive number.
+    """
+    text = os.environ.get(MEMORY_VARIABLE, "").strip() or str(_DEFAULT_LIMIT_GB)
+    try:
+        gigabytes = float(text)
+    except ValueError:
+        gigabytes = 0.0
+    if not 0 < gigabytes < 1e6:
+        raise InputError(
+            f"{MEMORY_VARIABLE} = {text[:40]!r} must be a positive number of gigabytes, such as 8."
+        )
+    return int(gigabytes * 1e9)
+
+
+def require_memory(name: object, size: float, *, reason: str = "is read whole and takes") -> None:
+    """Raise an error if content needs more memory than `memory_limit`, before it is allocated.
+
+    Parameters
+    ----------
+    name : file or recording, the subject of the message.
+    size : bytes that its header, or a request, requires.
+    reason : predicate of the message, before the number.
+
+    Raises
+    ------
+    DataError
+        It exceeds the limit; the message holds both numbers and the variable that sets the limit.
+    """
+    limit = memory_limit()
+    if size > limit:
+        raise DataError(
+            f"{name} {reason} {size / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} GB; "
+            f"if the file is right, set {MEMORY_VARIABLE}={max(1, round(1.3 * size / 1e9 + 0.5))}."
+        )
+
+
+def keep_freed_memory() -> None:
+    """Let this process keep freed arrays of up to 32 MB for the next ones.
+
+    Linux's malloc gives them back to the system and asks for their pages anew, which takes a worker
+    of Dask as long as the work: Dask sets a variable for malloc with which it always does so.
+    `return_memory` gives back what is not needed. Without glibc's mallopt(3), nothing happens.
+    """
+    set_option = _find_in_libc("mallopt")
+    if set_option is not None:
+        set_option(_M_MMAP_THRESHOLD, _MAX_THRESHOLD_BYTES)
+        # Twice as much, as malloc sets it itself when the other threshold grows.
+        set_option(_M_TRIM_THRESHOLD, 2 * _MAX_THRESHOLD_BYTES)
+
+
+def return_memory() -> None:
+    """Return freed memory to the system.
+
+    A process that runs for days otherwise keeps it in ever smaller pieces. Without glibc's
+    malloc_trim, nothing happens.
+    """
+    trim = _find_in_libc("malloc_trim")
+    if trim is not None:
+        trim(0)
+
+
+def _find_in_libc(name: str) -> Callable[..., int] | None:
+    """Return a function of the C library; None if it has none of this name."""
+    if sys.platform != "linux":
+        return None
+    return getattr(ctypes.CDLL(None), name, None)

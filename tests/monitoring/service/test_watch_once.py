@@ -86,7 +86,7 @@ def test_a_pump_is_learned_then_watched_and_a_louder_one_raises_an_alarm(
     assert "pump-1" in (config.folder / "alarms.log").read_text(encoding="utf-8")
 
 
-def test_a_recording_that_a_baseline_leaves_out_is_told_with_the_reason(tmp_path: Path) -> None:
+def test_a_recording_that_a_baseline_leaves_out_is_named_with_the_reason(tmp_path: Path) -> None:
     config = watch_config(tmp_path)
     for number in range(5):
         write_hum(tmp_path / "incoming" / f"{number}.h5", number, number)

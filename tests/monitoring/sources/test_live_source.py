@@ -84,6 +84,23 @@ def test_recordings_reach_the_spool_with_the_measured_operating_point(tmp_path: 
     assert list((config.folder / "live").rglob("*.h5")) == []
 
 
+def test_properties_are_numbers_or_texts(tmp_path: Path) -> None:
+    properties = (
+        'properties = { NumberOfChannels = 3, "AI 1/Amplitude" = 0.5, "AI 1/Waveform" = "Rect" }'
+    )
+    config = load(tmp_path, CONFIG.replace("[[source]]", f"[[source]]\n{properties}"))
+    spool = Spool(tmp_path / "spool")
+    with recording(config, spool.add) as watch:
+        wait_for(lambda: watch.status.received > 0)
+
+    assert watch.status.problem is None
+    file = spool.next(1.0)
+    assert file is not None
+    signal = read_contents(file, config.machines[0], None).recording.signal
+    # A rectangle of 0.5 V from a sensor of 100 mV/g, with little noise.
+    assert np.median(np.abs(signal)) == pytest.approx(5 * 9.80665, rel=0.1)
+
+
 def test_what_a_killed_watch_had_written_is_delivered_at_the_next_start(tmp_path: Path) -> None:
     config = load(tmp_path, CONFIG.replace("device0", "device9"))
     date = "2026-03-01T08:30:00+00:00"

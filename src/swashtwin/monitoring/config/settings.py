@@ -113,7 +113,7 @@ class Machine(Entries, frozen=True, kw_only=True):
     name: Text
     """Unique; also the name of its folder of waveforms."""
     site: Text | None = None
-    """Where it stands; the start page groups machines by it."""
+    """Place of the machine; the start page groups machines by it."""
     pump: NameOrFile | None = None
     """Name of a pump of the catalog, or path of a pump file."""
     pistons: Annotated[int, Meta(ge=5, le=15)] | None = None
@@ -263,7 +263,7 @@ class LiveSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="live
     """Unit of channels for which the device states none."""
     sensitivity: Text | tuple[Text, ...] | None = None
     """Sensitivity of the sensors, as in an index: ``"99.7 mV/g"``."""
-    properties: dict[Text, Text] = {}
+    properties: dict[Text, Text | bool | int | float] = {}
     """Further properties, by their names in openDAQ: of the device, or ``"AI 1/Range"`` of a
     channel.
     """

@@ -48,7 +48,7 @@ class Standing:
     state: MachineState
     """Its most urgent state."""
     site: str
-    """Where it stands; empty if the configuration names no site."""
+    """Place of the machine; empty if the configuration names none."""
     is_silent: bool
     """Whether it has sent nothing for an unusually long time."""
 

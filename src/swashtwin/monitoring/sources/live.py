@@ -165,7 +165,7 @@ def _recorder_settings(source: LiveSource, config: WatchConfig) -> LiveSettings:
         sample_rate=source.sample_rate,
         unit=source.unit,
         sensitivity=source.sensitivity,
-        properties={name: str(value) for name, value in source.properties.items()},
+        properties=source.properties,
     )
     return LiveSettings(
         device,

@@ -70,7 +70,7 @@ class DeviceSettings:
     """Unit of channels whose descriptor states none."""
     sensitivity: str | tuple[str, ...] | None = None
     """Sensitivity of the sensors, as of a file: ``"99.7 mV/g"``."""
-    properties: Mapping[str, str] | None = None
+    properties: Mapping[str, str | bool | int | float] | None = None
     """Further properties, by their names in openDAQ: of the device, or ``"AI 1/Range"`` of a
     channel.
     """
@@ -235,7 +235,7 @@ class LiveDevice:
             signals[unique_name] = signal
         return signals
 
-    def _set_property(self, name: str, text: str) -> None:
+    def _set_property(self, name: str, setting: str | bool | int | float) -> None:
         """Set a property of the device, or of a channel: ``"AI 1/Range"``."""
         channel_name, slash, property_name = name.rpartition("/")
         component = self._device
@@ -254,16 +254,16 @@ class LiveDevice:
             )
 
         try:
-            value = _convert_property(component.get_property(property_name), text)
+            value = _convert_property(component.get_property(property_name), setting)
             component.set_property_value(property_name, value)
             taken = component.get_property_value(property_name)
         except (ValueError, TypeError, RuntimeError) as cause:
             raise InputError(
-                f"{owner} does not take {property_name} = {text!r}: {str(cause).rstrip('.')}."
+                f"{owner} does not take {property_name} = {setting!r}: {str(cause).rstrip('.')}."
             ) from cause
         if not _is_same(taken, value):
             raise InputError(
-                f"{owner} does not take {property_name} = {text!r}: it sets {taken!r} instead."
+                f"{owner} does not take {property_name} = {setting!r}: it sets {taken!r} instead."
             )
 
     def _find_channel(self, name: str) -> Any:
@@ -540,16 +540,17 @@ def _find_choice(choices: Mapping[int, str], text: str) -> int | None:
     return None
 
 
-def _convert_property(entry: Any, text: str) -> bool | int | float | str:
-    """Return a text as a value of a property: as one of its choices, or as its type.
+def _convert_property(entry: Any, setting: str | bool | int | float) -> bool | int | float | str:
+    """Return a setting as a value of a property: as one of its choices, or as its type.
 
     Raises
     ------
     ValueError
-        The property does not take this text.
+        The property does not take this setting.
     """
     if entry.read_only:
         raise ValueError("it can only be read")
+    text = str(setting)
     choices = _read_choices(entry)
     if choices:
         number = _find_choice(choices, text)
@@ -566,17 +567,20 @@ def _convert_property(entry: Any, text: str) -> bool | int | float | str:
         return _convert_number(text, is_whole=kind == "ctInt")
     if kind != "ctString":
         raise ValueError("it holds neither a number nor text")
+    # A version 1.10 would become 1.1.
+    if not isinstance(setting, str):
+        raise ValueError("it is a text; write it in quotes")
     return text
 
 
 def _convert_number(text: str, *, is_whole: bool) -> int | float:
     try:
-        number = int(text) if is_whole else float(text)
+        number = float(text)
     except ValueError:
         number = math.nan
-    if not math.isfinite(number):
+    if not math.isfinite(number) or (is_whole and not number.is_integer()):
         raise ValueError(f"it must be a {'whole ' if is_whole else ''}number")
-    return number
+    return int(number) if is_whole else number
 
 
 def _is_same(taken: object, value: object) -> bool:

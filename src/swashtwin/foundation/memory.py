@@ -4,6 +4,7 @@ import ctypes
 import os
 import sys
 from collections.abc import Callable
+from functools import cache
 
 from swashtwin.foundation.errors import DataError, InputError
 
@@ -12,10 +13,13 @@ MEMORY_VARIABLE = "SWASHTWIN_MEMORY_GB"
 _DEFAULT_LIMIT_GB = 4.0
 
 
-# Parameters of mallopt, and the largest threshold that it accepts.
+# Parameters of mallopt, and the largest threshold that it accepts on 64 bits.
 _M_TRIM_THRESHOLD = -1
 _M_MMAP_THRESHOLD = -3
 _MAX_THRESHOLD_BYTES = 1 << 25
+
+# Value of MALLOC_TRIM_THRESHOLD_ that Dask sets for its workers.
+_TRIM_THRESHOLD_OF_DASK = "65536"
 
 
 def memory_limit() -> int:
@@ -60,16 +64,20 @@ def require_memory(name: object, size: float, *, reason: str = "is read whole an
         )
 
 
+@cache
 def keep_freed_memory() -> None:
-    """Let this process keep freed arrays of up to 32 MB for the next ones.
+    """Let this process keep freed arrays of up to 32 MB for the next ones, about 60 MB in all.
 
-    Linux's malloc gives them back to the system and asks for their pages anew, which takes a worker
-    of Dask as long as the work: Dask sets a variable for malloc with which it always does so.
-    `return_memory` gives back what is not needed. Without glibc's mallopt(3), nothing happens.
+    Linux's malloc gives them back to the system and asks for their pages anew. Thresholds that a
+    user sets by variables stay (mallopt(3)), but not the one that Dask sets for its workers.
+    Without glibc, nothing happens. `return_memory` gives back what is not needed.
     """
+    trim_threshold = os.environ.get("MALLOC_TRIM_THRESHOLD_", _TRIM_THRESHOLD_OF_DASK)
+    is_set_by_user = trim_threshold != _TRIM_THRESHOLD_OF_DASK
     set_option = _find_in_libc("mallopt")
-    if set_option is not None:
-        set_option(_M_MMAP_THRESHOLD, _MAX_THRESHOLD_BYTES)
+    if set_option is None or is_set_by_user or "MALLOC_MMAP_THRESHOLD_" in os.environ:
+        return
+    if set_option(_M_MMAP_THRESHOLD, _MAX_THRESHOLD_BYTES):
         # Twice as much, as malloc sets it itself when the other threshold grows.
         set_option(_M_TRIM_THRESHOLD, 2 * _MAX_THRESHOLD_BYTES)
 

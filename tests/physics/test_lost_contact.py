@@ -10,10 +10,12 @@ from rigid_body import rigid_motions
 
 from swashtwin.foundation import InputError, SwashTwinError, deg, mm
 from swashtwin.physics import Twin, lost_contact
-from swashtwin.physics.dynamics import Dof
+from swashtwin.physics.dynamics import N_DOF, Dof
 from swashtwin.physics.excitation import displacement_lines, slipper_profile
+from swashtwin.physics.loads import generalized_forces
 from swashtwin.physics.lost_contact import (
     LooseMotion,
+    loads_on_slipper,
     loose_motion,
     loose_slipper_lines,
     pressing_force,
@@ -21,6 +23,7 @@ from swashtwin.physics.lost_contact import (
     riding_lines,
 )
 from swashtwin.pump import LooseSlipper, OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.signals import fourier_lines
 
 LOOSE = LooseSlipper(clearance=mm(0.2))
 
@@ -155,6 +158,27 @@ def test_the_load_does_only_the_work_of_the_pistons_inertia_on_rigid_motions(
     np.testing.assert_allclose(z[1:], -axial, atol=1e-9 * scale)
     np.testing.assert_allclose(about_x[1:], -moment_x, atol=1e-9 * scale)
     np.testing.assert_allclose(about_y[1:], moment_y, atol=1e-9 * scale)
+
+
+def test_the_lines_are_those_of_the_loads_at_each_shaft_angle(
+    pump: Pump, at_15: OperatingCondition, motion: LooseMotion
+) -> None:
+    """Derived from the force's own lines, they are those of its loads, line 0 too."""
+    n_steps = len(motion.angle)
+    half_step = math.pi / n_steps
+    inertia = pump.masses.piston_slipper * motion.extra_acceleration
+    pressing = pump.rotating_group.piston_area * motion.extra_pressure
+    orders = np.arange(41)[:, None]
+    expected = np.zeros((41, N_DOF), dtype=complex)
+    for loads, first in (
+        (loads_on_slipper(pump, inertia, motion.angle + half_step), motion.angle[0] + half_step),
+        (generalized_forces(pump, pressing[None], motion.angle[None]), motion.angle[0]),
+    ):
+        expected += fourier_lines(loads.T).T[:41] * np.exp(-1j * orders * first)
+
+    lines = loose_slipper_lines(LOOSE, pump, at_15, 40)
+    np.testing.assert_allclose(lines, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+    assert np.abs(expected[0]).max() > 1e-3 * np.abs(expected).max()
 
 
 def test_pressing_a_slipper_on_pushes_the_retainer_toward_the_swash_plate(

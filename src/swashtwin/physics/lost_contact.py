@@ -497,8 +497,9 @@ def _lines_of_force(
     orders = np.arange(n_lines + 2)
     lines = fourier_lines(force)[: n_lines + 2] * np.exp(-1j * orders * first)
 
-    # The moments are the force times cosine and sine of the angle, whose lines follow from those of
-    # its neighbors among the harmonics -1...n_lines + 1.
+    # The moments are the force times cosine and sine of the angle. With coefficients c_k of the
+    # two-sided series, -1...n_lines + 1, those of the products are (c_k-1 + c_k+1) / 2 and
+    # (c_k-1 - c_k+1) / 2j. A line is twice its coefficient, except line 0.
     harmonics = np.concatenate([lines[1:2].conj() / 2, lines[:1], lines[1:] / 2])
     radius = pump.rotating_group.pitch_radius
     moment_x = radius * (harmonics[:-2] + harmonics[2:])

@@ -16,6 +16,9 @@ import time
 from pathlib import Path
 from urllib.parse import quote
 
+# As the command ``swashtwin explore`` sets it.
+os.environ["OMP_NUM_THREADS"] = "1"
+
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
 

@@ -22,7 +22,6 @@ from swashtwin.foundation import (
     SwashTwinError,
     convert_pressures,
     file_stamp,
-    one_thread,
     plural,
     rpm,
     safe_file_name,
@@ -202,16 +201,11 @@ class TwinWorkbench:
 
     def lines(self, setting: Setting) -> dict[str, Any]:
         """Return the line amplitudes of a twin, the measured ones, their misfit, and one turn."""
-        # torch is loaded before `one_thread`, which limits what is loaded.
         import torch
 
-        # A picture waits for this, and several threads would take longer for arrays so small.
-        with one_thread(), torch.no_grad():
-            return self._describe_lines(setting)
-
-    def _describe_lines(self, setting: Setting) -> dict[str, Any]:
         twin, calibration = self._twin(setting)
-        twin_lines = twin.acceleration().numpy()
+        with torch.no_grad():
+            twin_lines = twin.acceleration().numpy()
         amplitude = np.abs(twin_lines)
 
         content = _describe_twin(twin, calibration)

@@ -6,11 +6,10 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import get_cached_controller
 
 from swashtwin.foundation.cluster import ambient_client, run_on_cluster
 from swashtwin.foundation.memory import keep_freed_memory
@@ -112,16 +111,6 @@ def one_thread() -> Iterator[None]:
     if torch is not None:
         # On its first use in a thread torch sets the number of threads, which would undo the limit.
         torch.get_num_threads()
-    loaded = frozenset(_OPENMP_PACKAGES & sys.modules.keys())
-    with _thread_pools(loaded).limit(limits=1, user_api="openmp"):
+    # Looked for anew only if another module has been loaded, which takes some milliseconds.
+    with get_cached_controller().limit(limits=1, user_api="openmp"):
         yield
-
-
-# Packages that load an OpenMP library.
-_OPENMP_PACKAGES = {"torch", "sklearn", "numba"}
-
-
-@lru_cache(maxsize=8)
-def _thread_pools(_: frozenset[str]) -> ThreadpoolController:
-    """Return the thread pools of the loaded packages; to find them takes some milliseconds."""
-    return ThreadpoolController()

@@ -95,7 +95,7 @@ def _listen(host: str, port: int) -> socket.socket:
         ) from cause
 
     # Otherwise an answer's body waits for the client's acknowledgment of its head, 40 ms on Linux.
-    # asyncio sets the option only for sockets that it opens itself.
+    # asyncio sets the option for sockets of the protocol TCP only, and this one names no protocol.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     # Accepted connections inherit both options. The kernel then ends those whose peer advertises a

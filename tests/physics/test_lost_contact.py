@@ -12,15 +12,15 @@ from swashtwin.foundation import InputError, SwashTwinError, deg, mm
 from swashtwin.physics import Twin, lost_contact
 from swashtwin.physics.dynamics import N_DOF, Dof
 from swashtwin.physics.excitation import displacement_lines, slipper_profile
-from swashtwin.physics.loads import generalized_forces
+from swashtwin.physics.loads import force_and_moments, pressure_shares
 from swashtwin.physics.lost_contact import (
     LooseMotion,
-    loads_on_slipper,
     loose_motion,
     loose_slipper_lines,
     pressing_force,
     ride,
     riding_lines,
+    slipper_shares,
 )
 from swashtwin.pump import LooseSlipper, OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.signals import fourier_lines
@@ -170,11 +170,13 @@ def test_the_lines_are_those_of_the_loads_at_each_shaft_angle(
     pressing = pump.rotating_group.piston_area * motion.extra_pressure
     orders = np.arange(41)[:, None]
     expected = np.zeros((41, N_DOF), dtype=complex)
-    for loads, first in (
-        (loads_on_slipper(pump, inertia, motion.angle + half_step), motion.angle[0] + half_step),
-        (generalized_forces(pump, pressing[None], motion.angle[None]), motion.angle[0]),
+    for force, angle, shares in (
+        (inertia, motion.angle + half_step, slipper_shares(pump)),
+        (pressing, motion.angle, pressure_shares(pump)),
     ):
-        expected += fourier_lines(loads.T).T[:41] * np.exp(-1j * orders * first)
+        moments = force_and_moments(pump, force[None], np.cos(angle)[None], np.sin(angle)[None])
+        lines_of_loads = fourier_lines(shares @ moments).T[:41]
+        expected += lines_of_loads * np.exp(-1j * orders * angle[0])
 
     lines = loose_slipper_lines(LOOSE, pump, at_15, 40)
     np.testing.assert_allclose(lines, expected, rtol=0, atol=1e-10 * np.abs(expected).max())

@@ -264,19 +264,6 @@ def _end_angles(steps: int) -> np.ndarray:
     return 2 * math.pi * np.arange(1, steps + 1) / steps
 
 
-def generalized_forces(
-    pump: Pump, force: Float[np.ndarray, "piston step"], angle: Float[np.ndarray, "piston step"]
-) -> Float[np.ndarray, "step 13"]:
-    """Return the chamber pressures' forces on the 13 degrees of freedom, for T1 [N, N m].
-
-    Parameters
-    ----------
-    force : axial force A (p - p_case) on each piston [N].
-    angle : shaft angle phi_j of each piston [rad].
-    """
-    return force_and_moments(pump, force, np.cos(angle), np.sin(angle)).T @ pressure_shares(pump).T
-
-
 def force_and_moments(
     pump: Pump, force: np.ndarray, cosine: np.ndarray, sine: np.ndarray
 ) -> np.ndarray:
@@ -297,8 +284,11 @@ def force_and_moments(
     )
 
 
-def pressure_shares(pump: Pump) -> np.ndarray:
-    """Return the share (13, 3) of each degree of freedom in pressures' `force_and_moments`, T1."""
+def pressure_shares(pump: Pump) -> Float[np.ndarray, "13 3"]:
+    """Return the share of each of the 13 degrees of freedom in `force_and_moments`, for T1.
+
+    Those are of the chamber pressures: force A (p - p_case) on each piston.
+    """
     balance = pump.valve_plate.balance_ratio
     tangent = math.tan(pump.rotating_group.swash_angle)
     shares = np.zeros((N_DOF, 3))

@@ -46,7 +46,6 @@ from swashtwin.physics.films import piston_leakage, slipper_leakage, valve_plate
 from swashtwin.physics.loads import (
     LoadCase,
     chamber_pressures,
-    force_and_moments,
     port_openings,
     pressure_shares,
 )
@@ -450,7 +449,7 @@ def loose_slipper_lines(
     first = motion.angle[0]
     half_step = math.pi / steps
     inertia = pump.masses.piston_slipper * motion.extra_acceleration
-    lines = _lines_of_force(pump, _slipper_shares(pump), inertia, first + half_step, n_lines)
+    lines = _lines_of_force(pump, slipper_shares(pump), inertia, first + half_step, n_lines)
     pressing = group.piston_area * motion.extra_pressure
     lines += _lines_of_force(pump, pressure_shares(pump), pressing, first, n_lines)
 
@@ -463,17 +462,12 @@ def loose_slipper_lines(
     return lines
 
 
-def loads_on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Return the loads (step, 13) of an axial `force` on one slipper toward the swash plate.
+def slipper_shares(pump: Pump) -> Float[np.ndarray, "13 3"]:
+    """Return the share of each of the 13 degrees of freedom in `force_and_moments`, for T1.
 
-    The slipper's side load in the bore is included.
+    Those are of an axial force on one slipper toward the swash plate; its side load in the bore is
+    included.
     """
-    moments = force_and_moments(pump, force[None], np.cos(angle)[None], np.sin(angle)[None])
-    return moments.T @ _slipper_shares(pump).T
-
-
-def _slipper_shares(pump: Pump) -> np.ndarray:
-    """Return the share (13, 3) of each degree of freedom in a slipper's `force_and_moments`."""
     slope = math.tan(pump.rotating_group.swash_angle) ** 2
     shares = np.zeros((N_DOF, 3))
     shares[Dof.RETAINER_Z, 0] = -1

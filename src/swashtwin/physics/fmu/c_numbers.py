@@ -6,10 +6,9 @@ conductances of the films, and the lines of a displacement per unit of severity.
 
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import torch
@@ -38,8 +37,8 @@ from swashtwin.physics.films import (
     slipper_leakage,
     valve_plate_lands,
 )
-from swashtwin.physics.loads import CRACKING_SHARE, DEFAULT_STEPS, generalized_forces
-from swashtwin.physics.lost_contact import loads_on_slipper, stop_damping_ratio
+from swashtwin.physics.loads import CRACKING_SHARE, DEFAULT_STEPS, pressure_shares
+from swashtwin.physics.lost_contact import slipper_shares, stop_damping_ratio
 from swashtwin.physics.twin.model import Twin
 from swashtwin.physics.twin.response import SUPPORTS
 from swashtwin.pump import (
@@ -364,12 +363,8 @@ def _arrays(twin: Twin) -> dict[str, np.ndarray]:
         "DAMPING": structure.damping(rest, *supports).numpy(),
         "BLOCK_VALVE_SHAPE": block_valve_shape(pump),
         "TURNING_STIFFNESS": _turning_stiffness(twin),
-        "PRESSURE_SHARES": _shares(
-            pump, twin.topology, lambda force, angle: generalized_forces(pump, force, angle)
-        ),
-        "SLIPPER_SHARES": _shares(
-            pump, twin.topology, lambda force, angle: loads_on_slipper(pump, force[0], angle[0])
-        ),
+        "PRESSURE_SHARES": _with_topology(pressure_shares(pump), twin.topology),
+        "SLIPPER_SHARES": _with_topology(slipper_shares(pump), twin.topology),
         "SLIPPER_VECTOR": structure.slipper_vector.numpy(),
         "FILM_VECTOR": action.film[0].numpy(),
         "BORE_VECTOR": action.bore[0].numpy(),
@@ -396,23 +391,8 @@ def _turning_stiffness(twin: Twin) -> Float[np.ndarray, "13 13 2"]:
     return np.stack([amplitude.real, amplitude.imag], axis=-1)
 
 
-def _shares(
-    pump: Pump, topology: str, loads: Callable[[Any, Any], Float[np.ndarray, "step 13"]]
-) -> Float[np.ndarray, "13 3"]:
-    """Return the shares of the degrees of freedom in a force and its moments about x and y.
-
-    Parameters
-    ----------
-    loads : loads [N, N m] of a force [N] at angles [rad] on the pitch circle, each (1, step).
-    """
-    angle = np.array([[0.0, math.pi / 2, math.pi]])
-    top, side, bottom = loads(np.ones((1, 3)), angle)
-    radius = pump.rotating_group.pitch_radius
-    force = (top + bottom) / 2
-    shares = np.stack([force, (top - bottom) / (2 * radius), (side - force) / radius], axis=1)
-
-    # What is left of a sine or cosine of zero.
-    shares[np.abs(shares) < 1e-12] = 0.0
+def _with_topology(shares: Float[np.ndarray, "13 3"], topology: str) -> Float[np.ndarray, "13 3"]:
+    """Return the shares of topology T1 in a force and its moments as those of a topology."""
     if topology == "T2":
         shares[Dof.ROTOR_Z] += shares[Dof.RETAINER_Z]
         shares[Dof.RETAINER_Z] = 0.0

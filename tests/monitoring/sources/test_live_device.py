@@ -80,6 +80,13 @@ def test_a_channel_is_set_up_by_its_own_properties() -> None:
     assert set(np.abs(rectangle)) == {AMPLITUDE_V}
 
 
+def test_a_property_is_a_number_or_a_truth_value() -> None:
+    properties = {"NumberOfChannels": 3.0, "EnableLogging": False, "AI 3/ClientSideScaling": True}
+    device = LiveDevice(settings(properties=properties))
+    device.close()
+    assert device.channels == ("AI 1", "AI 2", "AI 3")
+
+
 def test_the_order_of_properties_does_not_matter_and_they_are_set_again() -> None:
     # a constant waveform hides the amplitude, and the channel exists only if there are three
     properties = {"AI 3/Waveform": "Constant", "AI 3/DC": "1", "NumberOfChannels": "3"}
@@ -161,6 +168,9 @@ def test_a_tachometer_gives_the_speed_and_is_no_channel() -> None:
         ),
         ({"properties": {"AI 1/": "1"}}, "has no property ''. Its properties are Wave"),
         ({"properties": {"/DC": "1"}}, "has no channel ''. Its channels are AI 1, AI 2."),
+        ({"properties": {"NumberOfChannels": 2.5}}, "= 2.5: it must be a whole number."),
+        # A version 1.10 would become 1.1.
+        ({"properties": {"location": 1.1}}, "location = 1.1: it is a text; write it in quotes."),
         ({"properties": {"AI 1/Amplitude": "99"}}, "it sets 10.0 instead."),
         ({"properties": {"AI 1/Amplitude": "nan"}}, "it must be a number."),
         ({"properties": {"AI 1/Offset": "1.5"}}, "it must be a whole number."),

@@ -256,14 +256,14 @@ class LiveDevice:
         try:
             value = _convert_property(component.get_property(property_name), setting)
             component.set_property_value(property_name, value)
-            taken = component.get_property_value(property_name)
+            actual = component.get_property_value(property_name)
         except (ValueError, TypeError, RuntimeError) as cause:
             raise InputError(
                 f"{owner} does not take {property_name} = {setting!r}: {str(cause).rstrip('.')}."
             ) from cause
-        if not _is_same(taken, value):
+        if not _is_same(actual, value):
             raise InputError(
-                f"{owner} does not take {property_name} = {setting!r}: it sets {taken!r} instead."
+                f"{owner} does not take {property_name} = {setting!r}: it sets {actual!r} instead."
             )
 
     def _find_channel(self, name: str) -> Any:
@@ -583,10 +583,10 @@ def _convert_number(text: str, *, is_whole: bool) -> int | float:
     return int(number) if is_whole else number
 
 
-def _is_same(taken: object, value: object) -> bool:
-    if isinstance(taken, float) and isinstance(value, float):
-        return math.isclose(taken, value, rel_tol=RATE_TOLERANCE)
-    return taken == value
+def _is_same(actual: object, value: object) -> bool:
+    if isinstance(actual, float) and isinstance(value, float):
+        return math.isclose(actual, value, rel_tol=RATE_TOLERANCE)
+    return actual == value
 
 
 def _set_rate_property(component: Any, name: str, rate: float) -> None:
